@@ -1,0 +1,75 @@
+"""One root error, one class per reason; the evidence travels as attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+class KumitateError(Exception):
+    """Root of every error that Kumitate raises on purpose."""
+
+
+class InputError(KumitateError):
+    """What the user gave is wrong.
+
+    Attributes:
+        place: File, field or argument at fault.
+        problem: What is wrong there.
+        cure: What to write or do instead.
+    """
+
+    def __init__(self, place: str | Path, problem: str, cure: str) -> None:
+        """Build the one-line message from place, problem and cure."""
+        self.place = str(place)
+        self.problem = problem
+        self.cure = cure
+        super().__init__(f"{place}: {problem}; {cure}")
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist was asked for; the message lists those that do.
+
+    Attributes:
+        name: The name asked for.
+        known: The names that exist.
+    """
+
+    def __init__(self, place: str | Path, kind: str, name: str, known: Sequence[str]) -> None:
+        """Name the wrong name and the right ones."""
+        self.name = name
+        self.known = tuple(known)
+        listed = ", ".join(self.known) or "none"
+        super().__init__(place, f"there is no {kind} named {name!r}", f"known: {listed}")
+
+
+class PlanningError(KumitateError):
+    """Sound input, but no answer was found."""
+
+
+class StartInCollisionError(PlanningError):
+    """A motion was asked for from a state that already collides.
+
+    Attributes:
+        pairs: Names of the touching pairs.
+    """
+
+    def __init__(self, what: str, pairs: Sequence[tuple[str, str]]) -> None:
+        """Name the touching pairs."""
+        self.pairs = tuple(pairs)
+        listed = ", ".join(f"{a} / {b}" for a, b in self.pairs)
+        super().__init__(f"{what} is in collision: {listed}")
+
+
+class NoPathError(PlanningError):
+    """The motion planner ended without a path.
+
+    Attributes:
+        blocking: How often each pair of bodies stopped the search, most frequent first.
+    """
+
+    def __init__(self, message: str, blocking: Sequence[tuple[tuple[str, str], int]] = ()) -> None:
+        """Name the bodies that blocked the search most often."""
+        self.blocking = tuple(blocking)
+        listed = ", ".join(f"{a} / {b} ({n} times)" for (a, b), n in self.blocking[:3])
+        super().__init__(message + (f"; in the way: {listed}" if listed else ""))

@@ -1,0 +1,1 @@
+"""Part mesh to facets to contacts to grasps; knows hands, knows no robot."""

@@ -1,0 +1,1 @@
+"""Ground floor: hands, robots, scene, inverse kinematics, motion, trajectories."""

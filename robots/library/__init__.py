@@ -1,0 +1,1 @@
+"""The shipped models: URDF, SRDF and YAML, authored from published figures in primitive shapes."""
