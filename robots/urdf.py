@@ -1,0 +1,117 @@
+"""Reading URDF files: pinocchio models and their collision shapes, with errors that name file and cure."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from ..transforms import Array
+from .files import parse_xml, read_text
+from .shapes import Shape, from_coal
+
+
+@dataclass(frozen=True, eq=False)
+class Urdf:
+    """A parsed URDF: kinematics, collision shapes, and the mimic joints that pinocchio leaves out.
+
+    Attributes:
+        path: The file.
+        model: Kinematics; mimic joints are joints of their own.
+        shapes: Collision shapes.
+        placements: Pose (n, 4, 4) of each shape in the frame of the joint that carries it.
+        links: Name of the link of each shape.
+        joints: Index of the pinocchio joint that carries each shape.
+        colors: RGBA of each shape.
+        mimics: Mimic joint name -> (driving joint, multiplier, offset).
+    """
+
+    path: Path
+    model: pin.Model
+    shapes: tuple[Shape, ...]
+    placements: Array
+    links: tuple[str, ...]
+    joints: tuple[int, ...]
+    colors: Array
+    mimics: dict[str, tuple[str, float, float]]
+
+
+def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf:
+    """Load a URDF with its collision shapes.
+
+    Args:
+        path: The URDF file.
+        package_dirs: Folders in which ``package://`` addresses are looked up, besides the shipped robot data and the
+            folders above the file.
+
+    Raises:
+        InputError: The file is missing, is no URDF, or names a mesh that is missing or cannot be read.
+    """
+    path = Path(path)
+    text = read_text(path, "URDF")
+    root = parse_xml(path, text)
+    if root.tag != "robot" or not root.get("name"):
+        raise InputError(path, "no <robot name=...> at the top", "give a URDF (expand xacro files first)")
+    try:
+        model = pin.buildModelFromXML(text)
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise InputError(path, f"not a valid URDF ({_first_line(error)})", "check it with check_urdf") from error
+    folders = [str(folder) for folder in (*package_dirs, *_shared_folders(), *path.resolve().parents[:4])]
+    try:
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, None, folders)
+    except (ValueError, RuntimeError) as error:
+        cure = "put the mesh where the URDF says, or name its package folder in package_dirs"
+        raise InputError(path, f"a collision mesh cannot be read ({_first_line(error)})", cure) from error
+    objects = list(geometry.geometryObjects)
+    _check_finite(path, model)
+    return Urdf(
+        path=path,
+        model=model,
+        shapes=_shapes(objects),
+        placements=np.array([entry.placement.homogeneous for entry in objects]).reshape(-1, 4, 4),
+        links=tuple(model.frames[entry.parentFrame].name for entry in objects),
+        joints=tuple(int(entry.parentJoint) for entry in objects),
+        colors=np.array([entry.meshColor for entry in objects], dtype=float).reshape(-1, 4),
+        mimics=_mimics(root),
+    )
+
+
+def _shapes(objects: Sequence[pin.GeometryObject]) -> tuple[Shape, ...]:
+    """The shape of each geometry object; a mesh that several links use is read once."""
+    keys = [(entry.meshPath, np.asarray(entry.meshScale).tobytes()) for entry in objects]
+    keys = [key if Path(key[0]).is_file() else i for i, key in enumerate(keys)]
+    known = {key: from_coal(entry.geometry) for key, entry in dict(zip(keys, objects, strict=True)).items()}
+    return tuple(known[key] for key in keys)
+
+
+def _shared_folders() -> list[Path]:
+    """Folders ``cmeel.prefix/share`` of the installed robot data."""
+    candidates = (Path(entry) / "cmeel.prefix" / "share" for entry in sys.path if entry)
+    return [folder for folder in candidates if folder.is_dir()]
+
+
+def _mimics(root: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
+    mimics = {}
+    for joint in root.iter("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            factors = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            mimics[joint.get("name", "")] = (mimic.get("joint", ""), *factors)
+    return mimics
+
+
+def _check_finite(path: Path, model: pin.Model) -> None:
+    placements = np.array([placement.homogeneous for placement in model.jointPlacements])
+    limits = np.concatenate([model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit])
+    if not np.isfinite(placements).all() or np.isnan(limits).any():
+        raise InputError(path, "a joint has a number that is not finite", "give finite origins and limits")
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n", maxsplit=1)[0][:200]
