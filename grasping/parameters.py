@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from math import inf, isfinite, pi, radians
+from math import pi, radians
 
 from ..errors import InputError
 
@@ -26,7 +26,7 @@ class GraspParameters:
 
     Attributes:
         theta_pln: Planarity of a facet: the largest angle between a triangle of a facet and its seed [rad].
-        theta_fct: Overlap of the facets: a triangle farther than this from the seeds of all its facets starts a new one [rad].
+        X
         t_bdry: Smallest distance of a contact from the boundary of its facet [m].
         t_rnn: Smallest distance between two contacts of a facet: the radius of the contact region [m].
         h_max: Deepest penetration of the soft pad [m].
