@@ -1,0 +1,152 @@
+"""Grasp sets: arrays of grasps of one part by one hand, the best first."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..transforms import Array, checked_poses
+from .record import Stage
+
+FORMAT = 1
+_UNIT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class GraspSet:
+    """n grasps of a part by a hand, in the part's frame, the best first.
+
+    Attributes:
+        part: Name of the part.
+        hand: Name of the hand.
+        part_from_hand: (n, 4, 4) poses of the hand frame at ``opening``.
+        opening: (n,) opening at which the pads stand on the part [m]; 0 for a suction cup.
+        approach_opening: (n,) fully open, or the widest opening tried that clears the part with the base where it grasps [m].
+        contacts: (n, k, 3) contact points [m]: the single finger's, then the other side's; one for a cup.
+        normals: (n, k, 3) outward unit normals of the surface at the contacts.
+        facets: (n, k) facets the contacts belong to.
+        force: (n,) normal force at each contact [N].
+        margin: (n,) stability margin, 1 at best, 0 where the part is about to turn (eq. 4).
+        distance: (n,) distance between grasp centre and centre of mass [m].
+        parallelness: (n,) how opposed the contacts are [rad], pi at best (see ContactPairs); pi for a cup.
+        quality: (n,) in [0, 1]: margin x nearness to the centre of mass x cosine of the contacts' misalignment.
+        record: What each stage took, kept and dropped.
+        key: Digest of mesh, hand and parameters; empty when unknown.
+    """
+
+    part: str
+    hand: str
+    part_from_hand: Array
+    opening: Array
+    approach_opening: Array
+    contacts: Array
+    normals: Array
+    facets: npt.NDArray[np.int64]
+    force: Array
+    margin: Array
+    distance: Array
+    parallelness: Array
+    quality: Array
+    record: tuple[Stage, ...] = ()
+    key: str = ""
+
+    def __post_init__(self) -> None:
+        """Check shapes, finiteness, poses, unit normals and the order.
+
+        Raises:
+            InputError: An array is not what this class promises.
+        """
+        n, k = np.shape(self.contacts)[:2] if np.ndim(self.contacts) == 3 else (-1, -1)
+        for name, shape in _shapes(n, k).items():
+            array = getattr(self, name)
+            if not isinstance(array, np.ndarray) or array.shape != shape:
+                raise InputError(f"grasps: {name}", f"shape {np.shape(array)}", f"give an array of shape {shape}")
+            if array.dtype.kind not in ("i" if name == "facets" else "f") or not np.isfinite(array).all():
+                raise InputError(f"grasps: {name}", f"dtype {array.dtype}, or values that are not finite", "give finite numbers")
+        checked_poses(self.part_from_hand, "grasps: part_from_hand")
+        if np.any(np.abs(np.linalg.norm(self.normals, axis=-1) - 1.0) > _UNIT):
+            raise InputError("grasps: normals", "a normal is not of unit length", "normalise it")
+        if np.any(self.opening < 0.0) or np.any(self.approach_opening < self.opening):
+            raise InputError("grasps: opening", "negative, or wider than the approach opening", "give 0 <= opening <= approach")
+        for name in _ARRAYS:
+            getattr(self, name).setflags(write=False)
+
+    def __len__(self) -> int:
+        """Number of grasps n."""
+        return len(self.opening)
+
+    def __getitem__(self, chosen: npt.NDArray[np.int64] | npt.NDArray[np.bool_] | slice) -> GraspSet:
+        """The chosen grasps: a mask, indices or a slice."""
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _ARRAYS})
+
+    def joined(self, other: GraspSet) -> GraspSet:
+        """These grasps, then the other's; names and record are kept."""
+        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS})
+
+    def thin(self, n: int) -> GraspSet:
+        """At most n grasps that are good and spread over position and approach direction, the best of all first.
+
+        Each next grasp has the largest quality times distance to those already chosen; the distance adds the grasp centres'
+        (over the spread of all centres) to the angle between the approach directions (over half a turn).
+        """
+        if n >= len(self):
+            return self
+        centers, approach = self.part_from_hand[:, :3, 3], self.part_from_hand[:, :3, 2]
+        spread = max(float(np.linalg.norm(centers - centers.mean(axis=0), axis=-1).max()), _UNIT)
+        nearest, chosen = np.full(len(self), np.inf), [int(np.argmax(self.quality))]
+        while len(chosen) < n:
+            last = chosen[-1]
+            angle = np.arccos(np.clip(approach @ approach[last], -1.0, 1.0))
+            nearest = np.minimum(nearest, np.linalg.norm(centers - centers[last], axis=-1) / spread + angle / np.pi)
+            nearest[last] = -np.inf
+            chosen.append(int(np.argmax((self.quality + _UNIT) * nearest)))
+        return self[np.sort(np.array(chosen[:n], dtype=int))]
+
+    def save(self, path: str | Path) -> None:
+        """Write one ``.npz`` file (arrays and JSON text, no pickle)."""
+        record = [{**{f.name: getattr(s, f.name) for f in fields(s)}, "dropped": dict(s.dropped)} for s in self.record]
+        header = {"format": FORMAT, "part": self.part, "hand": self.hand, "key": self.key, "record": record}
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        with Path(path).open("wb") as file:
+            np.savez(file, header=np.array(json.dumps(header)), **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> GraspSet:
+        """Read what ``save`` wrote, checking everything.
+
+        Raises:
+            InputError: The file is missing, of another format or version, or its contents are malformed.
+        """
+        cure = "write it again with GraspSet.save or `kumitate grasps`"
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                header = json.loads(str(file["header"][()]))
+                arrays = {name: file[name] for name in _ARRAYS}
+            if header["format"] != FORMAT:
+                raise InputError(path, f"format {header['format']}, and this version reads {FORMAT}", cure)
+            record = tuple(Stage(**row) for row in header["record"])
+            names = {name: str(header[name]) for name in ("part", "hand", "key")}
+        except FileNotFoundError as error:
+            raise InputError(path, "there is no such file", "check the path") from error
+        except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise InputError(path, f"no grasp set ({error})", cure) from error
+        try:
+            return cls(**names, **arrays, record=record)
+        except InputError as error:
+            raise InputError(f"{path}: {error.place}", error.problem, cure) from error
+
+
+def _shapes(n: int, k: int) -> dict[str, tuple[int, ...]]:
+    """Shape of every array of a set of n grasps with k contacts each."""
+    vectors = dict.fromkeys(("contacts", "normals"), (n, k, 3))
+    numbers = ("opening", "approach_opening", "force", "margin", "distance", "parallelness", "quality")
+    return {"part_from_hand": (n, 4, 4), **vectors, "facets": (n, k), **dict.fromkeys(numbers, (n,))}
+
+
+_ARRAYS = tuple(_shapes(0, 0))

@@ -1,0 +1,225 @@
+"""What two-finger and three-finger parallel grippers share: turning about a pair, standing on it, opening, holding it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import pi
+from time import process_time
+
+import numpy as np
+import numpy.typing as npt
+
+from ..robots.hand import Hand
+from ..transforms import Array, compose, invert, rotation_about
+from .collision import HandCollision, Mask
+from .facets import Facets, Indices
+from .grasps import GraspSet
+from .pairs import ContactPairs
+from .parameters import GraspParameters
+from .part import Part
+from .record import Stage
+from .softfinger import eccentricity, stability_margin
+from .touch import first_touch
+
+_VERTICAL = 0.95  # cosine from which a closing axis counts as vertical
+FLUSH = 1e-6  # m; what rises less than this above a contact does not hold a pad off
+_TURNING_PASSES = 3  # the face of a pad that turns while closing: each pass leaves a sixth of the error
+_NARROWER = (0.75, 0.5, 0.25)  # approach openings tried below fully open, as shares of what is left to open
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """n ways to put a gripper on contact pairs: one row for each pair, way round and rotation.
+
+    Attributes:
+        pair: (n,) index of the contact pair.
+        swapped: (n,) whether the single finger goes to the pair's second point.
+        closing: (n, 3) x axis of the hand: from the single finger to the other side.
+        approach: (n, 3) z axis of the hand.
+    """
+
+    pair: Indices
+    swapped: Mask
+    closing: Array
+    approach: Array
+
+    def __len__(self) -> int:
+        """Number of candidates n."""
+        return len(self.pair)
+
+    @property
+    def rotation(self) -> Array:
+        """(n, 3, 3) orientation of the hand in the part's frame."""
+        return np.stack([self.closing, np.cross(self.approach, self.closing), self.approach], axis=-1)
+
+    def ends(self, pairs: ContactPairs) -> Array:
+        """(n, 2, 3) contact points: the single finger's, then the other side's [m]."""
+        points = pairs.points[self.pair]
+        return np.where(self.swapped[:, None, None], points[:, ::-1], points)
+
+    def take(self, chosen: Indices | Mask) -> Candidates:
+        """The chosen candidates: indices or a mask."""
+        return Candidates(*(getattr(self, item.name)[chosen] for item in fields(self)))
+
+
+def turn_about(pairs: ContactPairs, n_da: int, both_ways: bool) -> Candidates:
+    """Every pair at ``n_da`` rotations about its closing axis, one way round or both.
+
+    Rotations count from the part's -z axis seen along the closing axis (from its -x axis when the closing axis is vertical),
+    so that a vertical approach is among them.
+    """
+    axis, ways = pairs.axis, 1 + both_ways
+    down = np.where(np.abs(axis[:, 2:]) > _VERTICAL, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0])
+    down -= np.sum(down * axis, axis=-1, keepdims=True) * axis
+    down /= np.linalg.norm(down, axis=-1, keepdims=True)
+    turns = rotation_about(axis[:, None], 2.0 * pi * np.arange(n_da) / n_da)
+    approach = (turns @ down[:, None, :, None])[..., 0]
+    shape = (len(pairs), ways, n_da)
+    swapped = np.broadcast_to(np.arange(ways, dtype=bool)[:, None], shape).ravel()
+    pair = np.repeat(np.arange(len(pairs)), ways * n_da)
+    return Candidates(
+        pair=pair,
+        swapped=swapped,
+        closing=np.where(swapped[:, None], -axis[pair], axis[pair]),
+        approach=np.broadcast_to(approach[:, None], (*shape, 3)).reshape(-1, 3),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """How the pads stand on the part (n candidates).
+
+    Attributes:
+        stand_off: (n, 2) how far each side stands off its contact point [m], the single finger first; what has to sink in.
+        gap: (n,) how far the farther finger of a pair hangs above the surface [m]; 0 for one finger.
+        opening: (n,) opening of the hand [m].
+    """
+
+    stand_off: Array
+    gap: Array
+    opening: Array
+
+    def take(self, chosen: Indices | Mask) -> Stand:
+        """The chosen candidates: indices or a mask."""
+        return Stand(self.stand_off[chosen], self.gap[chosen], self.opening[chosen])
+
+
+def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, floor: float) -> Stand:
+    """Move the pads of each candidate in along the closing axis until the whole face of one a side first touches.
+
+    Args:
+        part: The part.
+        hand: A hand with fingers.
+        pairs: Contact pairs.
+        candidates: How the hand is put on them; the contacts are within the stroke.
+        floor: How far below the contacts a surface is looked for, not above zero [m].
+    """
+    pair, side = np.divmod(np.arange(2 * len(pairs)), 2)
+    outward = np.where(side == 0, -1.0, 1.0)[:, None] * pairs.axis[pair]
+    reach = (hand.stroke[1] - pairs.width[pair]) / 2.0
+    width, ends = pairs.width[candidates.pair], candidates.ends(pairs)
+    opening = width
+    for _ in range(_TURNING_PASSES if _pads_turn(hand) else 1):
+        placed = compose(candidates.rotation, ends.mean(axis=1))[:, None] @ hand.hand_from_pad(opening)
+        touch = np.zeros((len(candidates), len(hand.pads)))
+        for i, pad in enumerate(hand.pads):
+            at_contact = placed[:, i].copy()
+            at_contact[:, :3, 3] += (0.5 if i == 0 else -0.5) * (opening - width)[:, None] * candidates.closing
+            row = 2 * candidates.pair + (candidates.swapped ^ (i > 0))
+            touch[:, i] = first_touch(part.mesh, pairs.points.reshape(-1, 3), outward, row, at_contact, pad.size, floor, reach)
+        nearest, other = np.maximum(touch[:, 0], 0.0), touch[:, 1:].max(axis=1)
+        other = np.maximum(other, 0.0) if len(hand.pads) == 2 else other
+        opening = np.clip(width + nearest + np.maximum(other, floor), *hand.stroke)
+    gap = np.maximum(other, 0.0) - touch[:, 1:].min(axis=1) if len(hand.pads) > 2 else np.zeros(len(candidates))
+    return Stand(np.stack([nearest, other], axis=1), gap, width + nearest + other)
+
+
+def _pads_turn(hand: Hand) -> bool:
+    """Whether the faces of the pads turn while the fingers close."""
+    open_, closed = hand.hand_from_pad(np.array(hand.stroke))[:, :, :3, 0]
+    return not np.allclose(open_, closed, atol=1e-6)
+
+
+def whole_hand(
+    body: HandCollision, hand: Hand, part_from_hand: Array, opening: Array, tolerance: float
+) -> tuple[Mask, Array]:
+    """Whether the hand touches the part where it grasps (n,), and the approach opening (n,) [m] of those that do not.
+
+    The fingers are checked opened by ``tolerance`` a side, with the base where it grasps: pads may touch what they hold and
+    nothing else. The approach opening is the stroke's end, or else the widest of a few below it, that is free as well.
+    """
+    part_from_base = part_from_hand @ invert(hand.base_from_hand(opening))
+    loose = opening + 2.0 * tolerance
+    hits = body.hand_hits(part_from_base, loose)
+    approach = loose.copy()
+    left = np.flatnonzero(~hits)
+    for share in (1.0, *_NARROWER):
+        tried = loose[left] + share * (hand.stroke[1] - loose[left])
+        blocked = body.hand_hits(part_from_base[left], tried)
+        approach[left[~blocked]] = tried[~blocked]
+        left = left[blocked]
+    return hits, approach
+
+
+def holding_margin(part: Part, hand: Hand, facets: Facets, pairs: ContactPairs, parameters: GraspParameters) -> Array:
+    """Stability margin (n,) of pairs (eq. 4): e_n of the weaker contact, the lever from the centre of mass to their middle."""
+    e_n = eccentricity(facets.radius[pairs.facets], parameters.h_max, hand.pads[0].radius).min(axis=-1)
+    lever = np.linalg.norm(pairs.points.mean(axis=1) - part.center_of_mass, axis=-1)
+    return stability_margin(lever, e_n, part.mass, hand.friction, hand.grip_force)
+
+
+def finish(
+    part: Part,
+    hand: Hand,
+    body: HandCollision,
+    facets: Facets,
+    pairs: ContactPairs,
+    candidates: Candidates,
+    standing: Stand,
+    parameters: GraspParameters,
+) -> tuple[GraspSet, tuple[Stage, ...]]:
+    """The last two steps of both planners: the whole hand against the part, then stability (section IV.B, lines 15 to 22).
+
+    Returns:
+        The grasps, the best first and without a record, and the stages ``"hand collision"`` and ``"stability"``.
+    """
+    started = process_time()
+    off = standing.stand_off
+    origin = candidates.ends(pairs).mean(axis=1) + 0.5 * (off[:, 1] - off[:, 0])[:, None] * candidates.closing
+    part_from_hand = compose(candidates.rotation, origin)
+    hits, approach_opening = whole_hand(body, hand, part_from_hand, standing.opening, parameters.contact_tolerance)
+    free = np.flatnonzero(~hits)
+    collision = Stage(
+        "hand collision", len(hits), len(free), {"hand touches the part": int(hits.sum())}, process_time() - started
+    )
+
+    started = process_time()
+    margin = holding_margin(part, hand, facets, pairs, parameters)[candidates.pair]
+    held = free[margin[free] >= 0.0]
+    stability = Stage(
+        "stability", len(free), len(held), {"turns under gravity": len(free) - len(held)}, process_time() - started
+    )
+    pair, swap = candidates.pair[held], candidates.swapped[held]
+    distance = np.linalg.norm(origin[held] - part.center_of_mass, axis=-1)
+    grasps = GraspSet(
+        part=part.name,
+        hand=hand.name,
+        part_from_hand=part_from_hand[held],
+        opening=standing.opening[held],
+        approach_opening=approach_opening[held],
+        contacts=candidates.ends(pairs)[held],
+        normals=np.where(swap[:, None, None], pairs.normals[pair][:, ::-1], pairs.normals[pair]),
+        facets=np.where(swap[:, None], pairs.facets[pair][:, ::-1], pairs.facets[pair]),
+        force=np.full(len(held), hand.grip_force),
+        margin=margin[held],
+        distance=distance,
+        parallelness=pairs.parallelness[pair],
+        quality=quality(part, margin[held], distance, pairs.parallelness[pair]),
+    )
+    return grasps, (collision, stability)
+
+
+def quality(part: Part, margin: Array, distance: Array, parallelness: Array) -> Array:
+    """Quality (n,) in [0, 1]: stability margin x nearness to the centre of mass x cosine of the contacts' misalignment."""
+    size = np.linalg.norm(part.mesh.vertices - part.center_of_mass, axis=-1).max()
+    return np.asarray(margin * np.clip(1.0 - distance / size, 0.0, 1.0) * -np.cos(parallelness))
