@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .urdf import ALONG_Y, Joint, Link, Robot, Shape, box, cylinder, span
+from .urdf import ALONG_Y, Joint, Link, Robot, Shape, bar, box, cylinder, span
 
 Description = dict[str, Any]
 # A finger on side s stands at s * x of the grasp centre and closes towards s * -x.
 LEFT, RIGHT = -1.0, 1.0
 
 
-def _bar(start: tuple[float, float], end: tuple[float, float], thickness: float, width: float, colour: str) -> Shape:
-    """A box from ``start`` to ``end`` (x, z), ``width`` wide along y."""
-    dx, dz = end[0] - start[0], end[1] - start[1]
-    centre = ((start[0] + end[0]) / 2, 0.0, (start[1] + end[1]) / 2)
-    return box(centre, (thickness, width, math.hypot(dx, dz)), colour, (0.0, math.atan2(dx, dz), 0.0))
+def _block(x: tuple[float, float], width: float, z: tuple[float, float], colour: str) -> Shape:
+    """A box between two values of x and of z, ``width`` wide about y = 0."""
+    return span((x[0], -width / 2, z[0]), (x[1], width / 2, z[1]), colour)
 
 
 def _facing(side: float) -> tuple[float, float, float]:
@@ -66,15 +64,14 @@ def robotiq_2f85() -> tuple[Robot, Description]:
                 mimic=None if s == LEFT else (driver, 1.0),
                 **rate,
             ),
-            _bar((0.0, 0.0), knuckle_end, 0.015, 0.024, "dark"),
+            bar((0.0, 0.0), knuckle_end, 0.015, (-0.012, 0.012), "dark"),
             cylinder((0, 0, 0), 0.0075, 0.024, "dark", ALONG_Y),
             cylinder((knuckle_end[0], 0, knuckle_end[1]), 0.006, 0.027, "black", ALONG_Y),
-            _bar(knuckle_end, link, 0.012, 0.027, "black"),
+            bar(knuckle_end, link, 0.012, (-0.0135, 0.0135), "black"),
             cylinder((link[0], 0, link[1]), 0.006, 0.027, "grey", ALONG_Y),
         )
         fork, web = 0.016, 0.55
         half = (web * link[0], web * link[1])
-        plate = _bar((0.0, 0.0), half, 0.012, 0.007, "dark")
         hand.add(
             Joint(
                 f"{name}_inner_knuckle_joint",
@@ -85,9 +82,9 @@ def robotiq_2f85() -> tuple[Robot, Description]:
                 mimic=(driver, 1.0),
                 **rate,
             ),
-            *(Shape(plate.geometry, plate.colour, (plate.xyz[0], y, plate.xyz[2]), plate.rpy) for y in (-fork, fork)),
+            *(bar((0.0, 0.0), half, 0.012, (y - 0.0035, y + 0.0035), "dark") for y in (-fork, fork)),
             *(cylinder((0, y, 0), 0.006, 0.007, "grey", ALONG_Y) for y in (-fork, fork)),
-            _bar(half, link, 0.012, 0.039, "dark"),
+            bar(half, link, 0.012, (-0.0195, 0.0195), "dark"),
             cylinder((link[0], 0, link[1]), 0.006, 0.039, "grey", ALONG_Y),
         )
         pad_back = pad_thick - pad_inside
@@ -102,9 +99,9 @@ def robotiq_2f85() -> tuple[Robot, Description]:
                 limits=(-closed, 0.0),
                 velocity=rate["velocity"],
             ),
-            span((s * -0.006, -0.0075, -0.0125), (s * 0.0239, 0.0075, 0.006), "black"),
-            span((s * pad_back, -0.0075, 0.006), (s * 0.009, 0.0075, 0.038), "black"),
-            span((s * -pad_inside, -pad_width / 2, pad_low), (s * pad_back, pad_width / 2, pad_high), "rubber"),
+            _block((s * -0.006, s * 0.0239), 0.015, (-0.0125, 0.006), "black"),
+            _block((s * pad_back, s * 0.009), 0.015, (0.006, 0.038), "black"),
+            _block((s * -pad_inside, s * pad_back), pad_width, (pad_low, pad_high), "rubber"),
         )
         centre = (s * -pad_inside, 0, (pad_low + pad_high) / 2)
         hand.add(Joint(f"{name}_pad_joint", f"{name}_inner_finger", f"{name}_pad", centre, _facing(s)))
@@ -130,9 +127,9 @@ def robotiq_2f85() -> tuple[Robot, Description]:
 def hrp5p_three_finger() -> tuple[Robot, Description]:
     """One finger against two; the fingers stay straight and turn about pivots in the palm."""
     source = (
-        "HRP-5P concept hand: palm, pivots and fingers as in the published planner model (102.7 mm to the palm's face, "
-        "172.7 mm to the grasp centre when open); the pair is set at 30 mm and 22 mm wide so that another hand's finger "
-        "fits between"
+        "HRP-5P concept hand: palm, pivots and fingers as in the published planner model (102.7 mm to the palm's "
+        "face, 172.7 mm to the grasp centre when open); the pair is set at 30 mm and 22 mm wide so that another "
+        "hand's finger fits between"
     )
     hand = Robot("hrp5p_three_finger", source)
     palm_face, pivot, tip, face, width = 0.1027, (0.047, 0.0962), 0.0987, 0.006, 0.022
@@ -155,10 +152,6 @@ def hrp5p_three_finger() -> tuple[Robot, Description]:
     speed = 0.05
     driver = "thumb_joint"
     for s, name, y in ((LEFT, "thumb", 0.0), (RIGHT, "finger_a", 0.030), (RIGHT, "finger_b", -0.030)):
-
-        def part(inner: float, outer: float, low: float, high: float, colour: str, s: float = s) -> Shape:
-            return span((s * -inner, -width / 2, low), (s * outer, width / 2, high), colour)
-
         hand.add(
             Joint(
                 f"{name}_joint",
@@ -171,11 +164,11 @@ def hrp5p_three_finger() -> tuple[Robot, Description]:
                 mimic=None if name == "thumb" else (driver, 1.0),
             ),
             cylinder((0, 0, 0), 0.008, width, "grey", ALONG_Y),
-            part(0.005, 0.014, 0.0, 0.042, "silver"),
+            _block((s * -0.005, s * 0.014), width, (0.0, 0.042), "silver"),
             cylinder((s * 0.003, 0, 0.046), 0.0075, width, "grey", ALONG_Y),
-            part(0.005, 0.010, 0.050, tip - pad_length, "silver"),
-            part(0.002, 0.008, tip - pad_length, tip - 0.004, "silver"),
-            part(face, -0.002, tip - pad_length, tip, "rubber"),
+            _block((s * -0.005, s * 0.010), width, (0.050, tip - pad_length), "silver"),
+            _block((s * -0.002, s * 0.008), width, (tip - pad_length, tip - 0.004), "silver"),
+            _block((s * -face, s * -0.002), width, (tip - pad_length, tip), "rubber"),
         )
         centre = (s * -face, 0, tip - pad_length / 2)
         hand.add(Joint(f"{name}_pad_joint", name, f"{name}_pad", centre, _facing(s)))

@@ -90,6 +90,13 @@ def cylinder(centre: Vector, radius: float, length: float, colour: str, rpy: Vec
     return Shape(("cylinder", {"radius": number(radius), "length": number(length)}), colour, centre, rpy)
 
 
+def bar(start: Vector, end: Vector, thickness: float, y: tuple[float, float], colour: str) -> Shape:
+    """A box along the line from ``start`` to ``end``, both (x, z), that reaches from ``y[0]`` to ``y[1]``."""
+    dx, dz = end[0] - start[0], end[1] - start[1]
+    centre = ((start[0] + end[0]) / 2, (y[0] + y[1]) / 2, (start[1] + end[1]) / 2)
+    return box(centre, (thickness, y[1] - y[0], math.hypot(dx, dz)), colour, (0.0, math.atan2(dx, dz), 0.0))
+
+
 def sphere(centre: Vector, radius: float, colour: str) -> Shape:
     """A ball [m]."""
     return Shape(("sphere", {"radius": number(radius)}), colour, centre)

@@ -1,0 +1,124 @@
+"""Which pairs of a robot's own links need no collision check: sampled, for robots whose SRDF does not say."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pinocchio as pin
+
+from ..transforms import Array
+
+# Sampling covers the motion of so few joints densely; a pair with more joints between stays enabled.
+_DENSELY_SAMPLED = 4
+_AT_A_LIMIT = 0.25
+
+
+def disabled_collisions(
+    model: pin.Model, geometry: pin.GeometryModel, *, samples: int = 20_000, seed: int = 0, clearance: float = 0.02
+) -> list[tuple[str, str, str]]:
+    """Pairs of links that are joined, touch in every state, or never come near each other.
+
+    Joined are links with nothing but joints between them, or rigidly connected ones ("Adjacent"). The others are tested in
+    random states, a quarter of whose joints stand at a limit, where reach ends: "Always" touched in every one, "Never" kept
+    ``clearance`` in every one. Every other pair, and every pair with more than four joints between, stays enabled.
+
+    Args:
+        model: The robot.
+        geometry: Its collision shapes, meshes rather than their hulls; is not changed.
+        samples: Number of random states.
+        seed: Seed of the states.
+        clearance: Distance [m] that a pair must keep to count as never touching.
+
+    Returns:
+        (link, link, reason) in the order of the links, reason being "Adjacent", "Always" or "Never".
+    """
+    shapes: dict[int, list[int]] = {}
+    for index, item in enumerate(geometry.geometryObjects):
+        shapes.setdefault(_link_of(model, item.parentFrame), []).append(index)
+    links = sorted(shapes)
+
+    reasons: dict[tuple[int, int], str] = {}
+    open_pairs: list[tuple[int, int]] = []
+    for first, second in combinations(links, 2):
+        between = _joints_between(model, first, second)
+        joined = _nearest_ancestor(model, second, shapes) == first or _nearest_ancestor(model, first, shapes) == second
+        if joined or not between:
+            reasons[first, second] = "Adjacent"
+        elif between <= _DENSELY_SAMPLED:
+            open_pairs.append((first, second))
+    reasons.update(_sampled(model, geometry, shapes, open_pairs, _states(model, samples, seed), clearance))
+    name = [frame.name for frame in model.frames]
+    return [(name[a], name[b], reasons[a, b]) for a, b in sorted(reasons)]
+
+
+def _states(model: pin.Model, samples: int, seed: int) -> Array:
+    """Random configurations (samples, nq) within the limits; joints without limits turn once."""
+    rng = np.random.default_rng(seed)
+    low, high = np.full(model.nv, -np.pi), np.full(model.nv, np.pi)
+    for joint in model.joints[1:]:
+        if joint.nq == joint.nv:
+            v, q = slice(joint.idx_v, joint.idx_v + joint.nv), slice(joint.idx_q, joint.idx_q + joint.nq)
+            low[v] = np.maximum(low[v], model.lowerPositionLimit[q])
+            high[v] = np.minimum(high[v], model.upperPositionLimit[q])
+    shape = (samples, model.nv)
+    steps = rng.uniform(low, high, shape)
+    at_limit = rng.random(shape) < _AT_A_LIMIT
+    steps[at_limit] = np.where(rng.random(shape) < 0.5, low, high)[at_limit]
+    neutral = pin.neutral(model)
+    return np.array([pin.integrate(model, neutral, step) for step in steps])
+
+
+def _sampled(
+    model: pin.Model,
+    geometry: pin.GeometryModel,
+    shapes: dict[int, list[int]],
+    pairs: list[tuple[int, int]],
+    states: Array,
+    clearance: float,
+) -> dict[tuple[int, int], str]:
+    """The pairs that touch in every state ("Always") or keep the clearance in every state ("Never")."""
+    geometry = pin.GeometryModel(geometry)
+    geometry.removeAllCollisionPairs()
+    indices: dict[tuple[int, int], list[int]] = {}
+    for a, b in pairs:
+        indices[a, b] = []
+        for i in shapes[a]:
+            for j in shapes[b]:
+                indices[a, b].append(len(geometry.collisionPairs))
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    data, geometry_data = model.createData(), pin.GeometryData(geometry)
+
+    def within(pair: tuple[int, int], margin: float) -> bool:
+        for index in indices[pair]:
+            geometry_data.collisionRequests[index].security_margin = margin
+        return any(pin.computeCollision(geometry, geometry_data, index) for index in indices[pair])
+
+    always, never = set(pairs), set(pairs)
+    for q in states:
+        pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
+        always -= {pair for pair in sorted(always) if not within(pair, 0.0)}
+        never -= {pair for pair in sorted(never) if within(pair, clearance)}
+    return dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
+
+
+def _link_of(model: pin.Model, frame: int) -> int:
+    """The link (a BODY frame) that ``frame`` is or hangs on."""
+    while frame and model.frames[frame].type != pin.FrameType.BODY:
+        frame = model.frames[frame].parentFrame
+    return int(frame)
+
+
+def _nearest_ancestor(model: pin.Model, link: int, shapes: dict[int, list[int]]) -> int | None:
+    """The next link towards the root that has shapes."""
+    while link:
+        link = _link_of(model, model.frames[link].parentFrame)
+        if link in shapes:
+            return link
+    return None
+
+
+def _joints_between(model: pin.Model, first: int, second: int) -> int:
+    """Number of moving joints on the way from one link to the other."""
+    a, b = (set(model.supports[model.frames[link].parentJoint]) for link in (first, second))
+    return len(a ^ b)
