@@ -188,7 +188,7 @@ def _distribute(facets: Facets, face: Indices, n_faces: int) -> tuple[Indices, I
 
 
 def _smooth_normals(points: Array, normals: Array, facet: Indices, kept: Indices, radius: float) -> Array:
-    """Mean normal (k, 3) of the facet's samples within ``radius`` of each kept one; they are even, so each counts alike."""
+    """Mean normal (k, 3) of the facet's evenly spread samples within ``radius`` of each kept one."""
     placed = _by_facet(points, facet, radius)
     pairs = cKDTree(placed[kept]).sparse_distance_matrix(cKDTree(placed), radius, output_type="ndarray")
     total = np.zeros((len(kept), 3))

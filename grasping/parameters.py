@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import pi, radians
+from numbers import Real
 
 from ..errors import InputError
 
@@ -56,8 +57,8 @@ class GraspParameters:
             wanted = (
                 f"give {'an integer' if item.type == 'int' else 'a number'} from {low:g} to {high:g} {unit}".rstrip()
             )
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or (item.type == "int" and value != int(value)):
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not number or (item.type == "int" and value % 1 != 0):
                 raise InputError(item.name, f"{value!r} is not what is expected", wanted)
             if not low <= value <= high:
                 raise InputError(item.name, f"{value!r} is out of range", wanted)

@@ -114,12 +114,6 @@ class Part:
         _check_weight(place, mass, density)
         vertices = _scaled(mesh, place, unit)
         fixed = repair(vertices, np.asarray(mesh.faces, dtype=np.int64))
-        if len(fixed.faces) > MOST_FACES:
-            raise InputError(
-                place,
-                f"{len(fixed.faces)} faces are more than the {MOST_FACES} that can be planned on",
-                "reduce the mesh in the tool that made it, or export it with a coarser tolerance",
-            )
         volume, center, sound = _volume(fixed, place)
         warnings = fixed.warnings
         if not sound:
@@ -190,6 +184,12 @@ def _scaled(mesh: trimesh.Trimesh, place: str, unit: str) -> Array:
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
     if len(faces) == 0:
         raise InputError(place, "has no triangles", "export a triangle mesh; the file may be cut short")
+    if len(faces) > MOST_FACES:
+        raise InputError(
+            place,
+            f"{len(faces)} faces are more than the {MOST_FACES} that can be planned on",
+            "reduce the mesh in the tool that made it, or export it with a coarser tolerance",
+        )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(place, "a face names a vertex that does not exist", "export the mesh again")
     wrong = np.flatnonzero(~np.isfinite(vertices).all(axis=1))

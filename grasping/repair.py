@@ -62,6 +62,8 @@ def repair(vertices: Array, faces: Indices) -> Repaired:
     faces = merged[faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     note(given - len(faces), "degenerate faces dropped")
+    if len(faces) == 0:
+        return Repaired(np.zeros((0, 3)), faces, False, 0.0, np.zeros(3), tuple(repairs), ())
     unique = _single_layer(faces)
     note(len(faces) - len(unique), "duplicate faces dropped")
     flip, twisted = _inconsistent(unique)
@@ -79,7 +81,7 @@ def repair(vertices: Array, faces: Indices) -> Repaired:
     faces, flat = without_flat_faces(vertices, faces)
     note(flat, "faces without area dropped")
     faces = _canonical(faces)
-    if closed and overlaps(vertices[faces]):
+    if closed and len(faces) and overlaps(vertices[faces]):
         warnings.append("the surface overlaps itself: the centre of mass counts the overlap more than once")
     used, faces = np.unique(faces, return_inverse=True)
     return Repaired(vertices[used], faces.reshape(-1, 3), closed, volume, center, tuple(repairs), tuple(warnings))
