@@ -22,8 +22,8 @@ class Chain:
 
     Attributes:
         names: Names of the joints, from the base to the tip.
-        placements: (dof + 1, 4, 4): world from the first joint frame, each joint frame before its motion in the frame of
-            the joint before it, and last the tip in the frame of the last joint.
+        placements: (dof + 1, 4, 4) poses: the first joint frame in the world, each next one, before its motion, in the
+            frame of the joint before it, and the tip in the frame of the last joint.
         axes: (dof, 3) unit axes in the joint frames; a joint turns about its axis, or slides along it.
         prismatic: (dof,) whether the joint slides.
         lower: (dof,) lower limits [rad or m].
@@ -114,7 +114,14 @@ class Chain:
 
     def within_limits(self, q: Array, slack: float = 0.0) -> npt.NDArray[np.bool_]:
         """(n,) whether configurations ``q`` (n, dof) keep the limits, but for ``slack`` [rad or m]."""
-        return ((q >= self.lower - slack) & (q <= self.upper + slack)).all(axis=1)
+        return np.asarray(((q >= self.lower - slack) & (q <= self.upper + slack)).all(axis=1))
+
+    def wrapped(self, q: Array) -> Array:
+        """``q`` (n, dof) with whole turns of revolute joints added: within the limits, or as near as turns allow."""
+        below = q - 2.0 * np.pi * np.where(self.prismatic, 0.0, np.ceil((q - self.upper) / (2.0 * np.pi)))
+        above = below + 2.0 * np.pi
+        nearer = ~self.prismatic & (self.lower - below > np.maximum(above - self.upper, 0.0))
+        return np.where(nearer, above, below)
 
     def random(self, rng: np.random.Generator, n: int) -> Array:
         """(n, dof) configurations, evenly distributed within the limits."""
@@ -132,23 +139,24 @@ class Chain:
         return poses
 
     def jacobian(self, q: Array) -> Array:
-        """Jacobians (n, 6, dof) of the tip: linear above angular velocity, along the world's axes, at the tip's origin."""
+        """Jacobians (n, 6, dof): linear velocity of the tip's origin above angular velocity, along the world's axes."""
         return self.jacobian_of(self.sweep(q)).transpose(2, 0, 1)
 
     def sweep(self, q: Array) -> Array:
-        """Frames along the chain as (dof + 1, 4, 3, n): columns x, y, z, origin of each joint (z its axis), then the tip.
+        """Frames along the chain (dof + 1, 4, 3, n): columns x, y, z, origin of each joint (z its axis), then the tip.
 
         The layout keeps each number of all configurations in one row, which NumPy runs over fastest; `forward` and
         `jacobian` give the usual one.
         """
         n = len(q)
-        cosines, sines = np.cos(q.T), np.sin(q.T)
+        angles = np.ascontiguousarray(q.T)
+        cosines, sines = np.cos(angles), np.sin(angles)
         frames = np.zeros((self.dof + 1, 4, 3, n))
         frames[0] = self._links[0].T[:, :3, None]
         for i in range(self.dof):
             x, y, z, origin = frames[i]
             if self.prismatic[i]:
-                origin += z * q[:, i]
+                origin += z * angles[i]
             else:
                 frames[i, :2] = x * cosines[i] + y * sines[i], y * cosines[i] - x * sines[i]
             np.matmul(self._links[i + 1].T, frames[i].reshape(4, -1), out=frames[i + 1].reshape(4, -1))
