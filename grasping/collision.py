@@ -28,22 +28,40 @@ class HandCollision:
         self._part = fcl.CollisionObject(_hierarchy(part.mesh))
         self._pieces = [fcl.CollisionObject(_hierarchy(piece.mesh)) for piece in hand.pieces]
         self._part_box = _box(part.mesh)
+        carriers = {pad.joint for pad in hand.pads}
+        # Pieces with pads come last: being close to the part, they take longest to check and hit least often.
+        self._order = sorted(range(len(hand.pieces)), key=lambda k: hand.pieces[k].joint in carriers)
         boxes = [_box(piece.mesh) for piece in hand.pieces]
         self._centers = np.array([center for center, _ in boxes])
         self._halves = np.array([half for _, half in boxes])
 
-    def hand_hits(self, part_from_base: Array, openings: Array) -> Mask:
-        """Whether the hand touches the part (n,), its base at ``part_from_base`` (n, 4, 4) and opened by ``openings`` (n,) [m]."""
+    def hand_hits(self, part_from_base: Array, openings: Array, *, moving_only: bool = False) -> Mask:
+        """Whether the hand touches the part (n,).
+
+        Args:
+            part_from_base: (n, 4, 4) poses of the hand's base.
+            openings: (n,) [m].
+            moving_only: Leave out the pieces fixed to the base, where they are known to be free at another opening.
+        """
         poses = part_from_base[:, None] @ self._hand.base_from_piece(openings)
         near = self._near(poses)
         hits = np.zeros(len(poses), dtype=bool)
-        for k in np.argsort(-near.sum(axis=0), kind="stable"):
+        for k in self._order:
+            if moving_only and self._hand.pieces[k].joint == 0:
+                continue
             for i in np.flatnonzero(near[:, k] & ~hits):
                 hits[i] = self._touches(self._pieces[k], poses[i, k, :3, :3], poses[i, k, :3, 3])
         return hits
 
     def cylinders_hit(self, start: Array, direction: Array, length: Array, radius: float) -> Mask:
-        """Whether cylinders touch the part (n,): from ``start`` (n, 3) along unit ``direction`` (n, 3) for ``length`` (n,) [m]."""
+        """Whether cylinders touch the part (n,).
+
+        Args:
+            start: (n, 3) centres of their bases [m].
+            direction: (n, 3) unit axes.
+            length: (n,) [m]; one that is not positive touches nothing.
+            radius: [m].
+        """
         hits = np.zeros(len(start), dtype=bool)
         frames = _frames_along(direction)
         centers = start + 0.5 * length[:, None] * direction

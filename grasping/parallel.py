@@ -114,19 +114,19 @@ def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, f
         candidates: How the hand is put on them; the contacts are within the stroke.
         floor: How far below the contacts a surface is looked for, not above zero [m].
     """
-    pair, side = np.divmod(np.arange(2 * len(pairs)), 2)
-    outward = np.where(side == 0, -1.0, 1.0)[:, None] * pairs.axis[pair]
-    reach = (hand.stroke[1] - pairs.width[pair]) / 2.0
     width, ends = pairs.width[candidates.pair], candidates.ends(pairs)
+    reach = (hand.stroke[1] - width) / 2.0
     opening = width
     for _ in range(_TURNING_PASSES if _pads_turn(hand) else 1):
         placed = compose(candidates.rotation, ends.mean(axis=1))[:, None] @ hand.hand_from_pad(opening)
         touch = np.zeros((len(candidates), len(hand.pads)))
         for i, pad in enumerate(hand.pads):
+            outward = (-1.0 if i == 0 else 1.0) * candidates.closing
             at_contact = placed[:, i].copy()
-            at_contact[:, :3, 3] += (0.5 if i == 0 else -0.5) * (opening - width)[:, None] * candidates.closing
-            row = 2 * candidates.pair + (candidates.swapped ^ (i > 0))
-            touch[:, i] = first_touch(part.mesh, pairs.points.reshape(-1, 3), outward, row, at_contact, pad.size, floor, reach)
+            at_contact[:, :3, 3] -= 0.5 * (opening - width)[:, None] * outward
+            end = 2 * candidates.pair + (candidates.swapped ^ (i > 0))
+            place = end if len(hand.pads) == 2 else np.arange(len(candidates))
+            touch[:, i] = first_touch(part.mesh, place, outward, at_contact, pad.size, floor=floor, reach=reach)
         nearest, other = np.maximum(touch[:, 0], 0.0), touch[:, 1:].max(axis=1)
         other = np.maximum(other, 0.0) if len(hand.pads) == 2 else other
         opening = np.clip(width + nearest + np.maximum(other, floor), *hand.stroke)
@@ -155,7 +155,7 @@ def whole_hand(
     left = np.flatnonzero(~hits)
     for share in (1.0, *_NARROWER):
         tried = loose[left] + share * (hand.stroke[1] - loose[left])
-        blocked = body.hand_hits(part_from_base[left], tried)
+        blocked = body.hand_hits(part_from_base[left], tried, moving_only=True)
         approach[left[~blocked]] = tried[~blocked]
         left = left[blocked]
     return hits, approach

@@ -10,104 +10,140 @@ from ..transforms import Array
 
 Indices = npt.NDArray[np.int64]
 _TINY = 1e-30
-_CHUNK = 256  # anchors checked against all triangles at once
+_CHUNK = 100_000  # faces or anchors times triangles looked at in one go
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def first_touch(
     mesh: trimesh.Trimesh,
-    anchor: Array,
+    place: Indices,
     outward: Array,
-    row: Indices,
     part_from_pad: Array,
     size: tuple[float, float],
+    *,
     floor: float,
     reach: Array,
 ) -> Array:
-    """How far faces must stand back from where they are put so as to just touch the part (n,) [m]; -inf where nothing is met.
+    """How far faces must stand back to just touch the part (n,) [m]; -inf where they meet nothing.
 
     Exact: each triangle is clipped to the prism that the face sweeps. Negative where the part begins only behind the face.
 
     Args:
         mesh: Triangles of the part [m].
-        anchor: (g, 3) points that the faces lie around, one for all rotations of a pad about one contact.
-        outward: (g, 3) unit directions away from the part in which the faces stand back.
-        row: (n,) the anchor of each face.
-        part_from_pad: (n, 4, 4) where the faces are put; their x axes point towards the part.
-        size: Sides of the face along its y and z [m].
-        floor: What lies farther than this behind the face (a negative height) need not be found [m].
-        reach: (g,) what lies farther outward than this is behind the opened finger and not met [m].
+        place: (n,) faces of one place (the rotations of a pad about one contact) share ``outward``, ``reach`` and the search
+            for triangles around them.
+        outward: (n, 3) unit directions away from the part, in which the faces stand back.
+        part_from_pad: (n, 4, 4) where the faces are put; their y and z axes span them.
+        size: Sides of the faces along y and z [m].
+        floor: A surface farther than this behind a face (a negative height) need not be found [m].
+        reach: (n,) a surface farther outward than this lies behind the opened finger and is not met [m].
     """
+    if len(place) == 0:
+        return np.zeros(0)
+    _, first_row, row = np.unique(place, return_index=True, return_inverse=True)
+    outward_of, reach_of = outward[first_row], reach[first_row]
+    anchor = np.zeros((len(first_row), 3))
+    np.add.at(anchor, row, part_from_pad[:, :3, 3])
+    anchor /= np.bincount(row, minlength=len(anchor))[:, None]
     half = np.array(size) / 2.0
     corners = part_from_pad[:, None, :3, 3] + (_CORNERS * half) @ np.swapaxes(part_from_pad[:, :3, 1:3], -1, -2)
     spread = corners - anchor[row][:, None]
     radius = float(np.linalg.norm(spread, axis=-1).max(initial=0.0))
-    tilt = float(np.abs(np.sum(spread * outward[row][:, None], axis=-1)).max(initial=0.0))
-    owner, triangle = _triangles_around(mesh, anchor, outward, radius, floor - tilt, reach + tilt)
-
-    # Every face against every triangle around its anchor, in coordinates of the face: y, z, and t along the closing axis.
-    first, last = np.searchsorted(owner, row, "left"), np.searchsorted(owner, row, "right")
-    count = last - first
-    face = np.repeat(np.arange(len(row)), count)
-    triangle = triangle[np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(face))]
-    axes = np.concatenate([part_from_pad[:, :3, 1:3], outward[row][:, :, None]], axis=-1)
-    from_part = np.linalg.inv(axes)
-    origin = (from_part @ part_from_pad[:, :3, 3:])[..., 0]
-    local = mesh.triangles[triangle] @ np.swapaxes(from_part, -1, -2)[face] - origin[face][:, None]
-    over = (local[..., :2].min(axis=1) <= half).all(axis=-1) & (local[..., :2].max(axis=1) >= -half).all(axis=-1)
-    over &= local[..., 2].max(axis=1) >= floor
-    face, local = face[over], local[over]
-    low, high = _heights_in_rectangle(local, half)
-    met = (high >= floor) & (low <= reach[row[face]])
+    tilt = float(np.abs(np.sum(spread * outward[:, None], axis=-1)).max(initial=0.0))
+    first, around = _triangles_around(mesh, anchor, outward_of, radius, floor - tilt, reach_of + tilt)
+    face_from_part = np.linalg.inv(np.concatenate([part_from_pad[:, :3, 1:3], outward[:, :, None]], axis=-1))
+    origin = (face_from_part @ part_from_pad[:, :3, 3:])[..., 0]
+    count = np.diff(first)[row]
     touch = np.full(len(row), -np.inf)
-    np.maximum.at(touch, face[met], high[met])
+    for some in np.split(np.arange(len(row)), np.flatnonzero(np.diff(np.cumsum(count) // _CHUNK)) + 1):
+        face = np.repeat(some, count[some])
+        place = np.arange(len(face)) - np.repeat(np.cumsum(count[some]) - count[some], count[some])
+        triangle = around[first[row[face]] + place]
+        local = _in_face(mesh.triangles.view(np.ndarray), triangle, face_from_part, origin, face)
+        least, most = local.min(axis=0), local.max(axis=0)
+        over = np.abs(least[:2] + most[:2]) <= 2.0 * half[:, None] + most[:2] - least[:2]
+        over = over.all(axis=0) & (most[2] >= floor)
+        low, high = _heights_in_rectangle(local[:, :, over], half)
+        met = (high >= floor) & (low <= reach[face[over]])
+        np.maximum.at(touch, face[over][met], high[met])
     return touch
+
+
+def _in_face(triangles: Array, triangle: Indices, face_from_part: Array, origin: Array, face: Indices) -> Array:
+    """Corners of each ``triangle`` (m,) in the oblique coordinates of its ``face`` (m,): (3 corners, 3 coordinates, m).
+
+    The coordinates are y and z of the face and the distance along the closing axis. The long axis is last, which keeps the
+    arithmetic quick.
+    """
+    corners = np.take(triangles.transpose(1, 2, 0), triangle, axis=2)
+    turns = np.take(face_from_part.transpose(1, 2, 0), face, axis=2)
+    local = np.zeros_like(corners)
+    for k in range(3):
+        local[:, k] = turns[k, 0] * corners[:, 0] + turns[k, 1] * corners[:, 1] + turns[k, 2] * corners[:, 2]
+    return local - np.take(origin.T, face, axis=1)
 
 
 def _triangles_around(
     mesh: trimesh.Trimesh, anchor: Array, outward: Array, radius: float, floor: float, reach: Array
 ) -> tuple[Indices, Indices]:
-    """Pairs (anchor, triangle), by anchor, of the triangles that may reach the cylinder about each anchor's outward line."""
-    center = mesh.triangles_center
+    """The triangles that may reach the cylinder about each anchor's outward line.
+
+    Returns:
+        Where each anchor's triangles start (g + 1,), and the triangles, anchor by anchor.
+    """
+    center = mesh.triangles_center.view(np.ndarray)
     extent = np.linalg.norm(mesh.triangles - center[:, None], axis=-1).max(axis=-1)
+    square = np.einsum("ti,ti->t", center, center)
+    anchor_height = np.einsum("gi,gi->g", anchor, outward)
     found = []
-    for start in range(0, len(anchor), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        height = outward[part] @ center.T - np.sum(outward[part] * anchor[part], axis=-1)[:, None]
-        apart = np.sum(anchor[part] ** 2, axis=-1)[:, None] - 2.0 * anchor[part] @ center.T + np.sum(center**2, axis=-1)
-        near = (height >= floor - extent) & (height <= reach[part, None] + extent)
-        near &= apart - height**2 <= (radius + extent) ** 2
-        found.append(np.argwhere(near) + [start, 0])
-    owner, triangle = np.concatenate(found).T if found else np.zeros((2, 0), dtype=int)
-    height = np.sum((mesh.triangles[triangle] - anchor[owner][:, None]) * outward[owner][:, None], axis=-1)
-    high = height.max(axis=-1) >= floor
-    return owner[high], triangle[high]
+    step = max(1, _CHUNK // max(len(center), 1))
+    for start in range(0, len(anchor), step):
+        some = slice(start, start + step)
+        height = np.einsum("gi,ti->gt", outward[some], center) - anchor_height[some, None]
+        near = (height >= floor - extent) & (height <= reach[some, None] + extent)
+        apart = square - 2.0 * np.einsum("gi,ti->gt", anchor[some], center) - height**2 - (radius + extent) ** 2
+        near &= apart <= -np.einsum("gi,gi->g", anchor[some], anchor[some])[:, None]
+        owner, triangle = np.nonzero(near)
+        top = np.einsum("tvi,ti->tv", mesh.triangles.view(np.ndarray)[triangle], outward[some][owner]).max(axis=-1)
+        high = top - anchor_height[some][owner] >= floor
+        found.append((start + owner[high], triangle[high]))
+    owner, triangle = (np.concatenate(column) for column in zip(*found, strict=True))
+    return np.searchsorted(owner, np.arange(len(anchor) + 1)), triangle
 
 
 def _heights_in_rectangle(triangles: Array, half: Array) -> tuple[Array, Array]:
-    """Least and greatest third coordinate (n,) of ``triangles`` (n, 3, 3) within |first| <= half[0], |second| <= half[1].
+    """Least and greatest third coordinate (m,) of triangles within |first| <= half[0] and |second| <= half[1].
 
-    Extremes lie where an edge enters or leaves the rectangle, or on a corner of it that the triangle covers. Plus and minus
-    infinity where they do not overlap.
+    Extremes lie where an edge enters or leaves the rectangle, or on a corner of it that the triangle covers.
+
+    Args:
+        triangles: (3, 3, m) corners, coordinates, triangles.
+        half: (2,) half sides of the rectangle.
+
+    Returns:
+        The extremes; plus and minus infinity where triangle and rectangle do not overlap.
     """
-    edge = np.roll(triangles, -1, axis=1) - triangles
-    along = np.where(np.abs(edge[..., :2]) < _TINY, _TINY, edge[..., :2])
-    one, other = (-half - triangles[..., :2]) / along, (half - triangles[..., :2]) / along
-    enter = np.clip(np.minimum(one, other).max(axis=-1), 0.0, None)
-    leave = np.clip(np.maximum(one, other).min(axis=-1), None, 1.0)
-    crosses = enter <= leave
-    ends = triangles[..., 2, None] + np.stack([enter, leave], axis=-1) * edge[..., 2, None]
-    low = np.where(crosses[..., None], ends, np.inf).min(axis=(1, 2))
-    high = np.where(crosses[..., None], ends, -np.inf).max(axis=(1, 2))
+    low, high = np.full(triangles.shape[2], np.inf), np.full(triangles.shape[2], -np.inf)
+    sides = half[:, None]
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        edge = triangles[end] - triangles[start]
+        along = np.where(np.abs(edge[:2]) < _TINY, _TINY, edge[:2])
+        one, other = (-sides - triangles[start, :2]) / along, (sides - triangles[start, :2]) / along
+        enter = np.maximum(np.minimum(one, other).max(axis=0), 0.0)
+        leave = np.minimum(np.maximum(one, other).min(axis=0), 1.0)
+        for share in (enter, leave):
+            height = triangles[start, 2] + share * edge[2]
+            low = np.where(enter <= leave, np.minimum(low, height), low)
+            high = np.where(enter <= leave, np.maximum(high, height), high)
 
-    normal = np.cross(edge[:, 0], edge[:, 1])
-    steep = np.abs(normal[:, 2]) < _TINY
+    (ux, uy, uz), (vx, vy, vz) = triangles[1] - triangles[0], triangles[2] - triangles[0]
+    slant_x, slant_y, area = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    flat = np.abs(area) > _TINY
     for corner in _CORNERS * half:
-        to = corner - triangles[..., :2]
-        side = edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0]
-        covered = ((side >= 0.0).all(axis=-1) | (side <= 0.0).all(axis=-1)) & ~steep
-        climb = normal[:, 0] * to[:, 0, 0] + normal[:, 1] * to[:, 0, 1]
-        height = triangles[:, 0, 2] - climb / np.where(steep, 1.0, normal[:, 2])
+        x, y = np.moveaxis(corner[:, None] - triangles[:, :2], 1, 0)
+        turn = x * np.roll(y, -1, axis=0) - y * np.roll(x, -1, axis=0)
+        covered = flat & ((turn.min(axis=0) >= 0.0) | (turn.max(axis=0) <= 0.0))
+        height = triangles[0, 2] - (slant_x * x[0] + slant_y * y[0]) / np.where(flat, area, 1.0)
         low = np.where(covered, np.minimum(low, height), low)
         high = np.where(covered, np.maximum(high, height), high)
     return low, high
