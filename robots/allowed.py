@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pinocchio as pin
@@ -19,9 +19,10 @@ def disabled_collisions(
 ) -> list[tuple[str, str, str]]:
     """Pairs of links that are joined, touch in every state, or never come near each other.
 
-    Joined are links with nothing but joints between them, or rigidly connected ones ("Adjacent"). The others are tested in
-    random states, a quarter of whose joints stand at a limit, where reach ends: "Always" touched in every one, "Never" kept
-    ``clearance`` in every one. Every other pair, and every pair with more than four joints between, stays enabled.
+    Joined are links with nothing but joints between them, or rigidly connected ones ("Adjacent"). The others are
+    tested in random states, a quarter of whose joints stand at a limit, where reach ends: "Always" touched in every
+    one, "Never" kept ``clearance`` in every one. Every other pair, and every pair with more than four joints between,
+    stays enabled.
 
     Args:
         model: The robot.
@@ -39,15 +40,15 @@ def disabled_collisions(
     links = sorted(shapes)
 
     reasons: dict[tuple[int, int], str] = {}
-    open_pairs: list[tuple[int, int]] = []
+    sampled: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for first, second in combinations(links, 2):
         between = _joints_between(model, first, second)
         joined = _nearest_ancestor(model, second, shapes) == first or _nearest_ancestor(model, first, shapes) == second
         if joined or not between:
             reasons[first, second] = "Adjacent"
         elif between <= _DENSELY_SAMPLED:
-            open_pairs.append((first, second))
-    reasons.update(_sampled(model, geometry, shapes, open_pairs, _states(model, samples, seed), clearance))
+            sampled[first, second] = list(product(shapes[first], shapes[second]))
+    reasons.update(_sampled(model, geometry, sampled, _states(model, samples, seed), clearance))
     name = [frame.name for frame in model.frames]
     return [(name[a], name[b], reasons[a, b]) for a, b in sorted(reasons)]
 
@@ -72,21 +73,19 @@ def _states(model: pin.Model, samples: int, seed: int) -> Array:
 def _sampled(
     model: pin.Model,
     geometry: pin.GeometryModel,
-    shapes: dict[int, list[int]],
-    pairs: list[tuple[int, int]],
+    pairs: dict[tuple[int, int], list[tuple[int, int]]],
     states: Array,
     clearance: float,
 ) -> dict[tuple[int, int], str]:
     """The pairs that touch in every state ("Always") or keep the clearance in every state ("Never")."""
     geometry = pin.GeometryModel(geometry)
     geometry.removeAllCollisionPairs()
-    indices: dict[tuple[int, int], list[int]] = {}
-    for a, b in pairs:
-        indices[a, b] = []
-        for i in shapes[a]:
-            for j in shapes[b]:
-                indices[a, b].append(len(geometry.collisionPairs))
-                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    indices: dict[tuple[int, int], range] = {}
+    for pair, shapes in pairs.items():
+        start = len(geometry.collisionPairs)
+        for i, j in shapes:
+            geometry.addCollisionPair(pin.CollisionPair(i, j))
+        indices[pair] = range(start, start + len(shapes))
     data, geometry_data = model.createData(), pin.GeometryData(geometry)
 
     def within(pair: tuple[int, int], margin: float) -> bool:

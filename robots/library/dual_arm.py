@@ -59,7 +59,7 @@ class DualArm:
 
 
 def mirror_angles(segments: Sequence[Segment], side: float, angles: Sequence[float]) -> list[float]:
-    """The left arm's ``angles`` on the arm of ``side``: reflection in the x-z plane reverses rotations about x and z."""
+    """The left arm's ``angles`` on the arm of ``side``: reflection in the x-z plane reverses turns about x and z."""
     return [a if s.axis == "y" else side * a for s, a in zip(segments, angles, strict=True)]
 
 
@@ -101,7 +101,7 @@ def add_flange(robot: Robot, parent: str, side: float, xyz: Vector = ORIGIN) -> 
 
 
 def to_srdf(model: DualArm, disabled: Sequence[tuple[str, str, str]]) -> str:
-    """The text of the SRDF file: groups ``left``, ``right``, ``torso``, ``all``, the state ``home``, disabled collisions."""
+    """The text of the SRDF file: the groups left, right, torso and all, the state home, disabled collisions."""
     root = ET.Element("robot", name=model.robot.name)
     for arm, (base, tip) in model.arms.items():
         ET.SubElement(ET.SubElement(root, "group", name=arm), "chain", base_link=base, tip_link=tip)

@@ -50,7 +50,7 @@ _SEGMENTS = [
     ),
     _axis("forearm_yaw", "z", (-182, 122), (-0.050, 0, -0.295804), cylinder((0, 0, 0.095), 0.036, 0.11, "silver")),
     _axis("wrist_roll", "x", (-70, 47), ORIGIN, cylinder((0, 0, 0), 0.022, 0.070, "dark", ALONG_X)),
-    _axis("wrist_pitch", "y", (-42, 42), ORIGIN, box((0, -0.002, -0.044), (0.055, 0.050, 0.040), "grey")),
+    _axis("wrist_pitch", "y", (-42, 42), ORIGIN, box((0, 0.004, -0.026), (0.050, 0.036, 0.034), "grey")),
     Segment(
         "{side}_hand_roll",
         "{side}_hand_roll_link",
@@ -58,7 +58,7 @@ _SEGMENTS = [
         (radians(-300), radians(300)),
         1.5,
         (0, -0.007004, -0.067249),
-        (-pi / 4, -pi / 2, 0),
+        (-pi / 2, -pi / 4, pi / 2),
         [cylinder((0.008, 0, 0), 0.032, 0.016, "dark", ALONG_X)],
     ),
 ]

@@ -32,7 +32,7 @@ _HOME = (0.3931, 2.2624, 1.1967, 0.8875, 2.2829, -0.5299)
 
 
 def _mirrored(angles: Sequence[float]) -> list[float]:
-    """The right arm's angles for the mirror image of the left arm's hand; the arm itself is not its own mirror image."""
+    """The right arm's angles that put its hand at the mirror image of the left one; the arms are both alike."""
     q1, q2, q3, q4, q5, q6 = angles
     return [-q1, pi - q2, -q3, pi - q4, -q5, -q6]
 

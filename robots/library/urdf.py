@@ -117,7 +117,7 @@ def mirrored(shapes: Sequence[Shape], side: float) -> list[Shape]:
 
 def number(value: float) -> str:
     """A number with what matters of its digits, and no negative zero."""
-    return f"{round(value, 9) + 0.0:.9g}"
+    return f"{round(value, 12) + 0.0:.12g}"
 
 
 def numbers(values: Vector) -> str:
