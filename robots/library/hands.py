@@ -47,7 +47,7 @@ def robotiq_2f85() -> tuple[Robot, Description]:
     pad_inside, pad_low, pad_high, pad_thick, pad_width = 0.0078, 0.0070, 0.0445, 0.00635, 0.022
     closed = math.acos((pad_inside - pivot_b[0]) / math.hypot(*crank)) - math.atan2(crank[1], crank[0])
     speed = 0.05
-    rate = {"limits": (0.0, closed), "velocity": speed / math.hypot(*crank)}
+    rate = speed / math.hypot(*crank)
     driver = "finger_joint"
 
     for s, name in ((LEFT, "left"), (RIGHT, "right")):
@@ -62,7 +62,8 @@ def robotiq_2f85() -> tuple[Robot, Description]:
                 (s * pivot_a[0], 0, pivot_a[1]),
                 axis=axis,
                 mimic=None if s == LEFT else (driver, 1.0),
-                **rate,
+                limits=(0.0, closed),
+                velocity=rate,
             ),
             bar((0.0, 0.0), knuckle_end, 0.015, (-0.012, 0.012), "dark"),
             cylinder((0, 0, 0), 0.0075, 0.024, "dark", ALONG_Y),
@@ -80,7 +81,8 @@ def robotiq_2f85() -> tuple[Robot, Description]:
                 (s * pivot_b[0], 0, pivot_b[1]),
                 axis=axis,
                 mimic=(driver, 1.0),
-                **rate,
+                limits=(0.0, closed),
+                velocity=rate,
             ),
             *(bar((0.0, 0.0), half, 0.012, (y - 0.0035, y + 0.0035), "dark") for y in (-fork, fork)),
             *(cylinder((0, y, 0), 0.006, 0.007, "grey", ALONG_Y) for y in (-fork, fork)),
@@ -97,7 +99,7 @@ def robotiq_2f85() -> tuple[Robot, Description]:
                 axis=axis,
                 mimic=(driver, -1.0),
                 limits=(-closed, 0.0),
-                velocity=rate["velocity"],
+                velocity=rate,
             ),
             _block((s * -0.006, s * 0.0239), 0.015, (-0.0125, 0.006), "black"),
             _block((s * pad_back, s * 0.009), 0.015, (0.006, 0.038), "black"),

@@ -151,8 +151,8 @@ def _joint(root: ET.Element, joint: Joint) -> None:
         return
     ET.SubElement(element, "axis", xyz=numbers(joint.axis))
     low, high = joint.limits
-    rates = {"velocity": number(joint.velocity), "effort": number(joint.effort)}
-    ET.SubElement(element, "limit", lower=number(low), upper=number(high), **rates)
+    values = {"lower": low, "upper": high, "velocity": joint.velocity, "effort": joint.effort}
+    ET.SubElement(element, "limit", {name: number(value) for name, value in values.items()})
     if joint.mimic is not None:
         ET.SubElement(element, "mimic", joint=joint.mimic[0], multiplier=number(joint.mimic[1]))
 
