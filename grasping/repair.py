@@ -232,7 +232,7 @@ def _single_layer(faces: Indices) -> Indices:
     _, first, group = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True)
     even = faces[:, 1] < faces[:, 2]
     net = np.bincount(group.ravel(), weights=np.where(even, 1.0, -1.0), minlength=len(first))
-    return faces[np.sort(first[net != 0.0] if net.any() else first)]
+    return _canonical(faces[first[net != 0.0] if net.any() else first])
 
 
 def _inconsistent(faces: Indices) -> tuple[npt.NDArray[np.bool_], bool]:

@@ -270,6 +270,24 @@ def test_broken_meshes_plan_like_sound_ones(kind, shape):
     assert part.center_of_mass == pytest.approx(reference.center_of_mass, abs=1e-6)
 
 
+@pytest.mark.parametrize("turned", range(12))
+def test_as_few_faces_as_possible_are_turned(box, turned):
+    faces = box.faces.copy()
+    faces[turned] = faces[turned, ::-1]
+    part = Part.from_mesh(trimesh.Trimesh(box.vertices, faces, process=False), unit="mm", mass=0.1)
+    assert part.repairs == ("faces wound against their neighbours turned: 1",)
+    assert part.mesh.volume == pytest.approx(24e-6)
+
+
+def test_lone_triangles_get_no_backs():
+    """The rim of a lone triangle is no hole to fill."""
+    centers = trimesh.creation.icosphere(1, 20.0).triangles_center
+    loose = (centers[:, None] + 2.0 * np.eye(3)).reshape(-1, 3)
+    part = Part.from_mesh(trimesh.Trimesh(loose, np.arange(240).reshape(-1, 3), process=False), unit="mm", mass=0.1)
+    assert len(part.mesh.faces) == 80
+    assert not part.watertight
+
+
 def test_two_bodies_stay_two():
     blocks = [trimesh.creation.box([20.0, 20.0, 20.0]) for _ in range(2)]
     blocks[1].apply_translation([30.0, 0.0, 0.0])
