@@ -73,3 +73,36 @@ class NoPathError(PlanningError):
         self.blocking = tuple(blocking)
         listed = ", ".join(f"{a} / {b} ({n} times)" for (a, b), n in self.blocking[:3])
         super().__init__(message + (f"; in the way: {listed}" if listed else ""))
+
+
+class BlockedError(PlanningError):
+    """A path touches something.
+
+    Attributes:
+        pairs: Names of the touching pairs.
+        share: Where along the path, from 0 to 1.
+    """
+
+    def __init__(self, pairs: Sequence[tuple[str, str]], share: float) -> None:
+        """Name the touching pairs and the place."""
+        self.pairs = tuple(pairs)
+        self.share = share
+        listed = ", ".join(f"{a} / {b}" for a, b in self.pairs)
+        super().__init__(f"blocked after {100.0 * share:.0f}% of the way: {listed}")
+
+
+class UnreachableLineError(PlanningError):
+    """Inverse kinematics does not follow a straight line to its end.
+
+    Attributes:
+        arm: The arm.
+        reached: How far it comes [m].
+        length: Length of the line [m].
+    """
+
+    def __init__(self, arm: str, reached: float, length: float) -> None:
+        """Tell how far the arm comes."""
+        self.arm = arm
+        self.reached = reached
+        self.length = length
+        super().__init__(f"arm {arm} follows the line for {1e3 * reached:.0f} of {1e3 * length:.0f} mm only")

@@ -1,8 +1,8 @@
 """Hands: a URDF with mimic joints and a short YAML with pads, forces and friction.
 
-The hand frame has its origin at the grasp centre (midway between the pads, ``contact_depth`` above the fingertips; at the
-lip's centre of a suction cup), z along the approach out of the palm and x along the closing direction. Where the pads
-advance while closing, the origin moves with them, so every pose of a hand goes with an opening.
+The hand frame has its origin at the grasp centre (midway between the pads, ``contact_depth`` above the fingertips; at
+the lip's centre of a suction cup), z along the approach out of the palm and x along the closing direction. Where the
+pads advance while closing, the origin moves with them, so every pose of a hand goes with an opening.
 """
 
 from __future__ import annotations
@@ -16,13 +16,11 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-import trimesh
 
 from ..errors import InputError
 from ..transforms import Array, compose, invert, rotation_about
 from .files import read_yaml
-from .shapes import Shape
-from .urdf import Urdf, read_urdf
+from .urdf import Link, Urdf, read_urdf
 
 _TABLE_SIZE = 2001
 _STROKE_SLACK = 1e-6  # m
@@ -56,7 +54,7 @@ class LipFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class HandFile(msgspec.Struct, forbid_unknown_fields=True):
-    """The hand's YAML; fingers need driver, stroke, contact_depth, pads, grip_force, speed, a cup lip and vacuum_force."""
+    """The YAML of a hand: fingers need driver, stroke, contact_depth, pads, grip_force, speed; cups lip, vacuum_force."""
 
     name: str
     kind: Kind
@@ -106,31 +104,6 @@ class Lip:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """A rigid piece of a hand.
-
-    Attributes:
-        name: The link that carries its first shape.
-        joint: Index of the joint that moves it (0: fixed to the base).
-        shapes: Its collision shapes.
-        placements: Pose (k, 4, 4) of each shape in the piece's frame.
-        color: RGBA.
-    """
-
-    name: str
-    joint: int
-    shapes: tuple[Shape, ...]
-    placements: Array
-    color: Array
-
-    @cached_property
-    def mesh(self) -> trimesh.Trimesh:
-        """All shapes as one triangle mesh in the piece's frame [m]."""
-        moved = [s.mesh.copy().apply_transform(p) for s, p in zip(self.shapes, self.placements, strict=True)]
-        return trimesh.util.concatenate(moved)
-
-
-@dataclass(frozen=True, eq=False)
 class Hand:
     """A suction cup, or a hand whose fingers one number opens.
 
@@ -144,7 +117,7 @@ class Hand:
         friction: Coulomb coefficient between pad or lip and part.
         speed: Speed of one finger [m/s]; 0 for a cup.
         lip: The lip of a cup; None for fingers.
-        pieces: Rigid pieces, the base first.
+        pieces: Rigid pieces, each with the joint that moves it (0: the base, which comes first).
         joint_names: Joints of the fingers, mimics included.
     """
 
@@ -157,7 +130,7 @@ class Hand:
     friction: float
     speed: float
     lip: Lip | None
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Link, ...]
     joint_names: tuple[str, ...]
     _linkage: _Linkage
     _base_from_lip: Array
@@ -258,7 +231,7 @@ class Hand:
         contacts = np.einsum("npij,pj->npi", pads, points)[..., :3]
         single, others = contacts[:, 0], contacts[:, 1:].mean(axis=1)
         gap = others - single
-        approach = pads[..., :3, 2].mean(axis=1)
+        approach = pads[:, 0, :3, 2] + pads[:, 1:, :3, 2].mean(axis=1)
         closing = pads[:, 0, :3, 0] - pads[:, 1:, :3, 0].mean(axis=1)
         approach /= np.linalg.norm(approach, axis=-1, keepdims=True)
         closing -= np.sum(closing * approach, axis=-1, keepdims=True) * approach
@@ -353,11 +326,11 @@ def _pad(urdf: Urdf, spec: PadFile, path: Path) -> Pad:
     return Pad(spec.link, spec.size, joint, placement)
 
 
-def _pieces(urdf: Urdf) -> tuple[Piece, ...]:
+def _pieces(urdf: Urdf) -> tuple[Link, ...]:
     pieces = []
     for joint in sorted(set(urdf.joints)):
         members = [i for i, carrier in enumerate(urdf.joints) if carrier == joint]
         shapes = tuple(urdf.shapes[i] for i in members)
         color = urdf.colors[members[0]]
-        pieces.append(Piece(urdf.links[members[0]], joint, shapes, urdf.placements[members], color))
+        pieces.append(Link(urdf.links[members[0]], shapes, urdf.placements[members], color, joint))
     return tuple(pieces)

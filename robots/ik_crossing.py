@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +14,11 @@ from .ik_geometry import Plane, Rows, Screws, cross, rotated, turn
 from .ik_newton import newton
 
 _SPACING = 0.05  # between samples of the last joint [rad]
-_NEAR_ZERO = 0.02  # a dip of the residual to this may touch zero between samples
-_NEAR_FOLD = 0.3  # beside a fold the residual may still fall by this
-_SLACK = 0.2  # a start may lie this far outside the limits; Newton brings it in [rad]
+_FINER = 12  # samples in an interval that is looked at again
+_NEAR_FOLD = 0.3  # beside a fold the residual may fall by this within an interval
+_NEAR_REACH = 0.05  # what is out of reach by so little at a sample may be in reach beside it
+_SLACK = 0.2  # a start may lie this far outside the limits [rad]
+_ROOM = 0.4  # so far outside may Newton take it, to come back or to go on on the other side of a whole turn [rad]
 _STEPS = 10
 _CHUNK = 32  # targets sampled at once, so that the arrays stay in the processor's cache
 _SIGNS = np.array([1.0, -1.0])
@@ -29,7 +31,7 @@ class _Branch(NamedTuple):
     upper: npt.NDArray[np.complex128]
     elbow: npt.NDArray[np.complex128]
     residual: Array  # angle condition between joints 3 and 4 [1]: zero is a solution
-    real: npt.NDArray[np.bool_]  # False where it had to be clamped on a fold
+    margin: Array  # how far the crossing is in reach [1]; below zero it has been clamped to the boundary of reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +78,31 @@ class CrossingArm:
         target = np.concatenate([rows + i * _CHUNK for i, (_, rows) in enumerate(found)])
         near = self.chain.within_limits(starts, _SLACK)
         starts, target = starts[near], target[near]
-        return newton(self.chain, starts, world_from_tip[target], _STEPS), target
+        roomy = replace(self.chain, lower=self.chain.lower - _ROOM, upper=self.chain.upper + _ROOM)
+        return newton(roomy, starts, world_from_tip[target], _STEPS), target
 
     def _starts(self, moved: Array) -> tuple[Array, Rows]:
         """Configurations (m, 6) close to solutions, and their targets (m,)."""
-        circle = np.array([np.ones_like(self.samples), np.cos(self.samples), np.sin(self.samples)])
-        wrist, pitch = self._seen(moved)
-        sides = _SIGNS[:, None, None, None], _SIGNS[:, None, None]
-        grid = self._branch((wrist @ circle).transpose(1, 0, 2), (pitch @ circle).transpose(1, 0, 2), *sides)
-        elbow, shoulder, target, place = _crossings(grid.residual, np.broadcast_to(grid.real, grid.residual.shape))
+        seen = self._seen(moved)
+        step = self.samples[1] - self.samples[0]
+        coarse = self._branch(*seen, self.samples, _SIGNS[:, None, None, None], _SIGNS[:, None, None])
+        (*sides, target, place), doubtful = _scan(coarse.residual, coarse.margin)
+        elbow, shoulder = _SIGNS[sides]
+        found = [(elbow, shoulder, target, self.samples[0] + step * place)]
 
-        k = np.interp(place, np.arange(len(self.samples)), self.samples)
-        circle = np.array([np.ones_like(k), np.cos(k), np.sin(k)])
-        at = np.einsum("nih,hn->in", wrist[target], circle), np.einsum("nih,hn->in", pitch[target], circle)
-        branch = self._branch(*at, _SIGNS[elbow], _SIGNS[shoulder])
-        return self._closed(moved[target], branch, k), target
+        # Two roots between samples leave no change of sign: where there may be some, look closer.
+        *sides, target, k = np.nonzero(doubtful)
+        elbow, shoulder = _SIGNS[sides]
+        near = self.samples[k][:, None] + step * np.linspace(0.0, 1.0, _FINER + 1)
+        fine = self._branch(*(part[target] for part in seen), near, elbow[:, None], shoulder[:, None])
+        (row, place), doubtful = _scan(fine.residual, fine.margin)
+        rest, k = np.nonzero(doubtful)
+        row, place = np.concatenate([row, rest]), np.concatenate([place, k + 0.5])
+        found.append((elbow[row], shoulder[row], target[row], near[row, 0] + step / _FINER * place))
+
+        elbow, shoulder, target, q5 = (np.concatenate(column) for column in zip(*found, strict=True))
+        branch = self._branch(*(part[target] for part in seen), q5[:, None], elbow[:, None], shoulder[:, None])
+        return self._closed(moved[target], branch, q5), target
 
     def _seen(self, moved: Array) -> tuple[Array, Array]:
         """The crossing and the axis of joint 4 before joint 0, each as harmonics (n, 9, 3) in joints 0 and 5.
@@ -107,15 +119,16 @@ class CrossingArm:
         seen[:, :, 0] += shift
         return frame @ seen, frame @ (rotation @ pitch)
 
-    def _branch(self, wrist: Array, pitch: Array, elbow: Array, shoulder: Array) -> _Branch:
-        """Joints 0 to 2 on the given sides (+-1), and what is left to solve; ``wrist`` and ``pitch`` are (9, ...)."""
+    def _branch(self, wrist: Array, pitch: Array, q5: Array, elbow: Array, shoulder: Array) -> _Branch:
+        """Joints 0 to 2 on the given sides (+-1) for values of joint 5, (k,) or (n, k), and what is left to solve."""
         plane, axes = self.plane, self.screws.axes
+        circle = np.stack([np.ones_like(q5), np.cos(q5), np.sin(q5)], axis=-2)
+        wrist, pitch = (wrist @ circle).transpose(1, 0, 2), (pitch @ circle).transpose(1, 0, 2)
         height = plane.normal @ (self.wrist - self.screws.points[0]) - wrist[6]
-        size = np.maximum(wrist[7] ** 2 + wrist[8] ** 2, 1e-300)
-        rest = size - height**2
-        root = shoulder * np.sqrt(np.maximum(rest, 0.0))
-        c = (wrist[7] * height - wrist[8] * root) / size
-        s = (wrist[8] * height + wrist[7] * root) / size
+        size = np.maximum(np.hypot(wrist[7], wrist[8]), 1e-300)
+        rise = np.clip(height / size, -1.0, 1.0)
+        run = shoulder * np.sqrt(1.0 - rise**2)
+        c, s = (wrist[7] * rise - wrist[8] * run) / size, (wrist[8] * rise + wrist[7] * run) / size
 
         offset = plane.project(self.screws.points[0] - plane.origin)
         goal = wrist[0] + c * wrist[1] + s * wrist[2] + 1.0j * (wrist[3] + c * wrist[4] + s * wrist[5]) + offset
@@ -130,12 +143,14 @@ class CrossingArm:
         front = pitch[0] + c * pitch[1] + s * pitch[2] + 1.0j * (pitch[3] + c * pitch[4] + s * pitch[5])
         turned = upper * bend * plane.project(axes[3])
         residual = (plane.normal @ axes[3]) * side + (np.conj(turned) * front).real - axes[3] @ axes[4]
-        return _Branch(c + 1.0j * s, upper, bend, residual, (rest >= 0.0) & (np.abs(cosine) <= 1.0))
+        margin = 1.0 - np.maximum(np.abs(height / size), np.abs(cosine))
+        return _Branch(c + 1.0j * s, upper, bend, residual, np.broadcast_to(margin, residual.shape))
 
     def _closed(self, moved: Array, branch: _Branch, q5: Array) -> Array:
         """Configurations (n, 6): joints 3 and 4 turn the axes of joints 4 and 5 to where the target has them."""
         axes = self.screws.axes
-        q0, q1, q2 = np.angle(branch.shoulder), np.angle(branch.upper), self.plane.sense * np.angle(branch.elbow)
+        q0, q1, q2 = (np.broadcast_to(np.angle(joint), (len(q5), 1))[:, 0] for joint in branch[:3])
+        q2 = self.plane.sense * q2
         pitch, roll = rotated(axes[5], -q5, axes[4][:, None]), np.broadcast_to(axes[5][:, None], (3, len(q5)))
         for_wrist = []
         for vector in (pitch, roll):
@@ -157,35 +172,31 @@ def _unit(numbers: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
     return np.asarray(numbers / np.maximum(np.abs(numbers), 1e-300))
 
 
-def _crossings(residual: Array, real: npt.NDArray[np.bool_]) -> tuple[Rows, Rows, Rows, Array]:
-    """Elbow, shoulder, target and place along the samples where the residual (2, 2, n, k) is, or may be, zero.
+def _scan(residual: Array, margin: Array) -> tuple[tuple[npt.NDArray[Any], ...], npt.NDArray[np.bool_]]:
+    """Roots of the residual (..., k) along its samples, and the intervals (..., k - 1) that may hide more.
 
-    The first sample past a fold, where two branches join, has been clamped and counts as lying on it.
+    The first sample past a fold, where two branches join at the boundary of reach, counts as lying on it.
+
+    Returns:
+        Indices of the roots in the leading axes and, last, their places between samples; and the mask of intervals.
     """
+    real = margin >= 0.0
     usable = real.copy()
     usable[..., 1:] |= real[..., :-1]
     usable[..., :-1] |= real[..., 1:]
     left, right = residual[..., :-1], residual[..., 1:]
+    change = (left * right <= 0.0) & usable[..., :-1] & usable[..., 1:]
+    *index, k = np.nonzero(change)
+    a, b = left[change], right[change]
+    roots = (*index, k + a / np.where(a == b, 1.0, a - b))
 
-    *change, k = np.nonzero((left * right <= 0.0) & usable[..., :-1] & usable[..., 1:])
-    a, b = left[*change, k], right[*change, k]
-    found = [(*change, k + a / np.where(a == b, 1.0, a - b))]
-
-    # Two roots between samples leave no change of sign, but a dip: a parabola through three samples finds them.
-    size = np.abs(residual)
-    lowest = (size[..., 1:-1] <= size[..., :-2]) & (size[..., 1:-1] < size[..., 2:])
-    *dip, k = np.nonzero(lowest & usable[..., :-2] & usable[..., 1:-1] & usable[..., 2:])
-    before, here, after = (residual[*dip, k + i] for i in range(3))
-    curve, slope = 0.5 * (before + after) - here, 0.5 * (after - before)
-    below = slope**2 - 4.0 * curve * here
-    same_sign = (before * here > 0.0) & (here * after > 0.0) & (here * curve > 0.0)
-    hidden = same_sign & (below > -4.0 * np.abs(curve) * _NEAR_ZERO)
-    dip, k, curve, slope = [side[hidden] for side in dip], k[hidden], curve[hidden], slope[hidden]
-    half = np.sqrt(np.maximum(below[hidden], 0.0))
-    found += [(*dip, k + 1 + (-slope + sign * half) / (2.0 * curve)) for sign in _SIGNS]
-
-    # Beside a fold the residual falls like a square root, too steeply for its samples to tell.
-    *fold, k = np.nonzero((real[..., :-1] != real[..., 1:]) & (np.minimum(size[..., :-1], size[..., 1:]) < _NEAR_FOLD))
-    found += [(*fold, k + part) for part in (0.0, 0.5, 1.0)]
-    elbow, shoulder, target, place = (np.concatenate(column) for column in zip(*found, strict=True))
-    return elbow, shoulder, target, place
+    size, jump = np.abs(residual), np.abs(right - left)
+    dip = (size[..., 1:-1] <= size[..., :-2]) & (size[..., 1:-1] <= size[..., 2:])
+    dip &= usable[..., :-2] & usable[..., 1:-1] & usable[..., 2:] & ~change[..., 1:] & ~change[..., :-1]
+    dip &= size[..., 1:-1] <= 0.5 * np.maximum(jump[..., :-1], jump[..., 1:])
+    peak = (margin[..., 1:-1] >= np.maximum(margin[..., :-2], margin[..., 2:])) & ~real[..., 1:-1]
+    beside = dip | (peak & (margin[..., 1:-1] > -_NEAR_REACH))
+    doubtful = (real[..., :-1] != real[..., 1:]) & (np.minimum(size[..., :-1], size[..., 1:]) < _NEAR_FOLD)
+    doubtful[..., 1:] |= beside
+    doubtful[..., :-1] |= beside
+    return roots, doubtful

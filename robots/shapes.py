@@ -1,27 +1,31 @@
 """Collision shapes: exact ones (primitives, hulls, triangle meshes) and the convex pieces that cover them.
 
-Checks between bodies take two steps. Convex pieces decide most states in microseconds; where pieces of a body that is
-not convex touch, the exact shapes decide. The pieces cover the surface they stand for, so a state whose pieces are apart
-is free.
+Checks between bodies take two steps. Convex pieces decide most states in microseconds; where pieces touch that are not
+the body itself, the exact shapes decide. The pieces cover what they stand for: a state whose pieces are apart is free.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import coal
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from ..transforms import Array
+from ..transforms import Array, transform_points
 
 _CYLINDER_SECTIONS = 48
+_BALL_GROWTH = 1.01
 _CONVEX_SLACK = 1e-6  # share of the hull's volume
 _SPLIT_GAIN = 0.05  # share of the hull's volume that a cut must save
+_SMALLEST_GAP = 2.5e-5  # m3, a cube of 3 cm
 _CUTS = (0.25, 0.5, 0.75)
+_MOST_PARTS = 6
 _FLAT = 1e-6  # m
 
 
@@ -31,20 +35,54 @@ class Shape:
 
     Attributes:
         geometry: The exact shape.
-        mesh: Its triangles in the same frame [m]; curved primitives are tessellated.
+        mesh: Its triangles in the same frame [m]; curved primitives are tessellated, from inside.
         solid: True for a primitive or a convex hull, whose inside is filled; false for a surface of triangles.
+        growth: Factors (3,) along the axes by which the mesh must grow to hold the shape: above 1 where it is curved.
     """
 
     geometry: coal.CollisionGeometry
     mesh: trimesh.Trimesh
     solid: bool
+    growth: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @cached_property
-    def pieces(self) -> tuple[coal.CollisionGeometry, ...]:
-        """Convex shapes that together cover this one."""
-        if self.solid:
-            return (self.geometry,)
-        return tuple(convex_hull(points) for points in convex_cover(self.mesh))
+    def bounds(self) -> Array:
+        """Lowest and highest corner (2, 3) of a box around the shape [m]."""
+        bounds: Array = self.mesh.bounds * np.asarray(self.growth)
+        return bounds
+
+    @cached_property
+    def probes(self) -> Array:
+        """One vertex (k, 3) of each connected component of the mesh."""
+        labels = trimesh.graph.connected_component_labels(self.mesh.face_adjacency, node_count=len(self.mesh.faces))
+        _, first = np.unique(labels, return_index=True)
+        return np.asarray(self.mesh.vertices[self.mesh.faces[first, 0]])
+
+    def contains(self, other: Shape, self_from_other: Array) -> bool:
+        """Whether a whole component of ``other``, which does not cross this surface, lies inside it.
+
+        Filled shapes need no such check: what is inside them touches them.
+        """
+        points = transform_points(self_from_other, other.probes)
+        low, high = self.mesh.bounds
+        inside = points[((points > low) & (points < high)).all(axis=1)]
+        return len(inside) > 0 and bool((winding_number(self.mesh, inside) > 0.5).any())
+
+
+def winding_number(mesh: trimesh.Trimesh, points: Array) -> Array:
+    """How often (n,) the surface winds around each of ``points`` (n, 3): 1 inside and 0 outside of a closed mesh.
+
+    The sum of the solid angles of the triangles over a full turn (van Oosterom and Strackee); open meshes give a
+    fraction.
+    """
+    corners = mesh.vertices[None] - points[:, None]
+    lengths = np.linalg.norm(corners, axis=-1)
+    (a, b, c), (la, lb, lc) = (np.moveaxis(values[:, mesh.faces], 2, 0) for values in (corners, lengths))
+    volume = np.einsum("nti,nti->nt", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("nti,nti->nt", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    angles = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    turns: Array = angles.sum(axis=1) / (2.0 * np.pi)
+    return turns
 
 
 def box(size: Sequence[float] | Array) -> Shape:
@@ -55,12 +93,13 @@ def box(size: Sequence[float] | Array) -> Shape:
 def cylinder(radius: float, length: float) -> Shape:
     """A cylinder about z [m], centred at the origin."""
     mesh = trimesh.creation.cylinder(radius, length, sections=_CYLINDER_SECTIONS)
-    return Shape(coal.Cylinder(radius, length), mesh, solid=True)
+    growth = 1.0 / np.cos(np.pi / _CYLINDER_SECTIONS)
+    return Shape(coal.Cylinder(radius, length), mesh, solid=True, growth=(growth, growth, 1.0))
 
 
 def sphere(radius: float) -> Shape:
     """A sphere [m] centred at the origin."""
-    return Shape(coal.Sphere(radius), trimesh.creation.icosphere(3, radius), solid=True)
+    return Shape(coal.Sphere(radius), trimesh.creation.icosphere(3, radius), solid=True, growth=(_BALL_GROWTH,) * 3)
 
 
 def from_mesh(mesh: trimesh.Trimesh) -> Shape:
@@ -87,9 +126,10 @@ def from_coal(geometry: coal.CollisionGeometry) -> Shape:
         case coal.Capsule():
             mesh = trimesh.creation.capsule(2.0 * geometry.halfLength, geometry.radius)
             mesh.apply_translation([0.0, 0.0, -mesh.bounds.mean(axis=0)[2]])
-            return Shape(geometry, mesh, solid=True)
+            return Shape(geometry, mesh, solid=True, growth=(_BALL_GROWTH,) * 3)
         case coal.BVHModelOBBRSS():
-            faces = np.array([[*geometry.tri_indices(i)] for i in range(geometry.num_tris)])
+            corners = (geometry.tri_indices(i) for i in range(geometry.num_tris))
+            faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners])
             return from_mesh(trimesh.Trimesh(geometry.vertices(), faces))
     raise TypeError(f"no shape for {type(geometry).__name__}")
 
@@ -113,39 +153,56 @@ def convex_hull(points: Array) -> coal.CollisionGeometry:
     return coal.Convex.convexHull(corners, True, "Qt")
 
 
-def convex_cover(mesh: trimesh.Trimesh, most: int = 6) -> list[Array]:
-    """Point sets (k, 3) whose hulls together cover the surface of ``mesh``.
+def cover(shapes: Sequence[Shape], placements: Array) -> tuple[tuple[coal.CollisionGeometry, Array], ...]:
+    """Few convex shapes, each with its placement (4, 4), that together cover ``shapes`` at ``placements`` (k, 4, 4).
 
-    The hull that gains most is cut in two by a plane across an axis, until there are ``most`` of them or no cut saves a
-    twentieth of the volume of the whole hull.
+    One hull if that fills no gap worth speaking of, the shapes themselves if they are few and filled, else the hulls of
+    parts cut from them.
     """
-    frame = mesh.principal_inertia_transform if mesh.is_watertight else np.eye(4)
-    local = trimesh.transform_points(mesh.vertices, frame)
-    parts = [local[mesh.faces]]
-    worth = _SPLIT_GAIN * _hull_volume(local)
-    cuts = [_best_cut(parts[0])]
-    while len(parts) < most:
-        i = int(np.argmax([gain for gain, _ in cuts]))
-        if cuts[i][0] <= worth:
+    grown = [transform_points(p, s.mesh.triangles * s.growth) for s, p in zip(shapes, placements[:, None], strict=True)]
+    parts = convex_cover(np.concatenate(grown))
+    filled = all(shape.solid for shape in shapes)
+    if filled and (len(shapes) == 1 or (len(parts) > 1 and len(shapes) <= _MOST_PARTS)):
+        return tuple((shape.geometry, placement) for shape, placement in zip(shapes, placements, strict=True))
+    return tuple((convex_hull(part.reshape(-1, 3)), np.eye(4)) for part in parts)
+
+
+def convex_cover(soup: Array) -> list[Array]:
+    """Triangles (k, 3, 3) of parts of ``soup`` (n, 3, 3) [m] whose hulls are small and together cover it.
+
+    The part that gains most is cut in two by a plane across an axis, until there are six or no cut saves a twentieth of
+    the volume of the whole hull and a gap that a finger could enter.
+    """
+    parts, cuts = [soup], [_best_cut(soup)]
+    worth = max(_SPLIT_GAIN * _hull_volume(soup), _SMALLEST_GAP)
+    while len(parts) < _MOST_PARTS:
+        i = int(np.argmax([cut.gain for cut in cuts]))
+        if cuts[i].gain <= worth:
             break
-        halves = cuts[i][1]
-        parts[i : i + 1] = halves
-        cuts[i : i + 1] = [_best_cut(half) for half in halves]
-    back = np.linalg.inv(frame)
-    return [trimesh.transform_points(np.unique(part.reshape(-1, 3), axis=0), back) for part in parts]
+        parts[i : i + 1] = cuts[i].halves
+        cuts[i : i + 1] = [_best_cut(half) for half in cuts[i].halves]
+    return parts
 
 
-def _best_cut(soup: Array) -> tuple[float, list[Array]]:
-    """The axis-aligned cut of triangles (n, 3, 3) that saves most hull volume, and the two halves."""
+class _Cut(NamedTuple):
+    """Triangles cut in two, and the hull volume saved [m3]."""
+
+    gain: float
+    halves: list[Array]
+
+
+def _best_cut(soup: Array) -> _Cut:
+    """The cut of triangles (n, 3, 3) across one of the two longer axes that saves most hull volume."""
     low, high = soup.min(axis=(0, 1)), soup.max(axis=(0, 1))
-    whole = _hull_volume(soup.reshape(-1, 3))
-    best: tuple[float, list[Array]] = (0.0, [])
-    for axis in range(3):
-        for share in _CUTS:
-            halves = _cut(soup, axis, low[axis] + share * (high[axis] - low[axis]))
-            gain = whole - sum(_hull_volume(half.reshape(-1, 3)) for half in halves)
-            if gain > best[0]:
-                best = gain, halves
+    whole = _hull_volume(soup)
+    best = _Cut(0.0, [])
+    if whole <= _SMALLEST_GAP:
+        return best
+    for axis, share in itertools.product(np.argsort(high - low)[1:], _CUTS):
+        halves = _cut(soup, int(axis), low[axis] + share * (high[axis] - low[axis]))
+        gain = whole - sum(_hull_volume(half) for half in halves)
+        if gain > best.gain:
+            best = _Cut(gain, halves)
     return best
 
 
@@ -162,7 +219,7 @@ def _cut(soup: Array, axis: int, at: float) -> list[Array]:
 
 def _hull_volume(points: Array) -> float:
     try:
-        return float(ConvexHull(points).volume)
+        return float(ConvexHull(points.reshape(-1, 3)).volume)
     except (QhullError, ValueError):
         return 0.0
 

@@ -14,7 +14,19 @@ import pinocchio as pin
 from ..errors import InputError
 from ..transforms import Array
 from .files import parse_xml, read_text
+from .rigid import Rigid
 from .shapes import Shape, from_coal
+
+
+@dataclass(frozen=True, eq=False)
+class Link(Rigid):
+    """A rigid body of a robot or hand, in the frame of the joint that moves it.
+
+    Attributes:
+        joint: Index of that pinocchio joint; 0 is the base.
+    """
+
+    joint: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +70,10 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
     root = parse_xml(path, text)
     if root.tag != "robot" or not root.get("name"):
         raise InputError(path, "no <robot name=...> at the top", "give a URDF (expand xacro files first)")
+    for joint in root.iter("joint"):
+        if joint.get("type") == "continuous":
+            _bound(joint)
+    text = ElementTree.tostring(root, encoding="unicode")
     try:
         model = pin.buildModelFromXML(text)
     except (ValueError, RuntimeError, IndexError) as error:
@@ -69,7 +85,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
         cure = "put the mesh where the URDF says, or name its package folder in package_dirs"
         raise InputError(path, f"a collision mesh cannot be read ({_first_line(error)})", cure) from error
     objects = list(geometry.geometryObjects)
-    _check_finite(path, model)
+    _check(path, model)
     return Urdf(
         path=path,
         model=model,
@@ -96,6 +112,16 @@ def _shared_folders() -> list[Path]:
     return [folder for folder in candidates if folder.is_dir()]
 
 
+def _bound(joint: ElementTree.Element) -> None:
+    """Give a continuous joint the range of one turn: planners sample a bounded space."""
+    joint.set("type", "revolute")
+    limit = joint.find("limit")
+    if limit is None:
+        limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
+    limit.set("lower", str(-np.pi))
+    limit.set("upper", str(np.pi))
+
+
 def _mimics(root: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
     mimics = {}
     for joint in root.iter("joint"):
@@ -106,11 +132,13 @@ def _mimics(root: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
     return mimics
 
 
-def _check_finite(path: Path, model: pin.Model) -> None:
+def _check(path: Path, model: pin.Model) -> None:
     placements = np.array([placement.homogeneous for placement in model.jointPlacements])
     limits = np.concatenate([model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit])
     if not np.isfinite(placements).all() or np.isnan(limits).any():
         raise InputError(path, "a joint has a number that is not finite", "give finite origins and limits")
+    if model.nq != model.njoints - 1:
+        raise InputError(path, "a joint is floating or planar", "use fixed, revolute, continuous or prismatic joints")
 
 
 def _first_line(error: Exception) -> str:

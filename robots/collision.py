@@ -1,0 +1,288 @@
+"""Collision checks of a scene: convex pieces in a broadphase first, exact shapes where they touch.
+
+A pair of bodies whose relative pose no joint can change (a part and the hand that holds it, a part and the table it
+lies on) is decided once for each state; all other pairs are decided for each configuration. No pair is switched off: a
+pair in contact is excused only if it is apart after a step of the contact tolerance along the contact's normal.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from ..errors import UnknownNameError
+from ..transforms import Array, invert, transform_points
+from .rigid import Rigid
+from .robot import Robot
+from .state import Body, Margins, SceneState
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Mode:
+    """One state as the engine sees it.
+
+    ``joints`` (bodies,) and ``poses`` (bodies, 4, 4) tell the joint that carries each body and the body's pose in its
+    frame. Over body pairs: ``moving`` where a joint can change the relative pose, ``margins`` the distance to keep [m],
+    and for pairs that touch on purpose ``steps``: moves of the pair's second body out of the contact, each with the
+    body in whose frame it is told.
+    """
+
+    joints: npt.NDArray[np.intp]
+    poses: Array
+    moving: npt.NDArray[np.bool_]
+    margins: Array
+    steps: dict[int, list[tuple[int, Array]]]
+
+
+class StateChecker:
+    """Decides which configurations are free of collision, everything but the joints being as in one state.
+
+    Attributes:
+        state: The state; of its configuration only the place of bodies that nothing carries is taken.
+        static: Touching pairs that no joint can part; while there are any, no configuration is free.
+    """
+
+    def __init__(self, engine: CollisionEngine, state: SceneState, working: Collection[str]) -> None:
+        self._engine = engine
+        self._mode = engine.mode(state, working)
+        self.state = state
+        self.static: tuple[Pair, ...] = engine.static(self._mode)
+
+    def free(self, q: Array) -> bool:
+        """Whether nothing touches at configuration ``q`` (nq,)."""
+        return self.first_touching(q) is None
+
+    def first_touching(self, q: Array) -> Pair | None:
+        """A touching pair at configuration ``q`` (nq,), or None where it is free."""
+        found = self.static or self._engine.touching(self._mode, q, first_only=True)
+        return found[0] if found else None
+
+    def touching(self, q: Array) -> tuple[Pair, ...]:
+        """Names of all touching pairs at configuration ``q`` (nq,)."""
+        return self.static + self._engine.touching(self._mode, q, first_only=False)
+
+
+class CollisionEngine:
+    """Owns the geometry of a scene; the checkers of all its states share it and take turns."""
+
+    def __init__(self, robot: Robot, bodies: Mapping[str, Body], margins: Margins, contact_tolerance: float) -> None:
+        self._robot = robot
+        self._bodies = bodies
+        self._asked = margins
+        self._tolerance = contact_tolerance
+        self._model = robot.model
+        pieces = [(f"{arm}/{piece.name}", arm, piece) for arm, hand in robot.hands.items() for piece in hand.pieces]
+        named: list[tuple[str, str, Rigid]] = [
+            (link.name, _arm_moved_by(robot, link.joint), link) for link in robot.links
+        ]
+        named += pieces + [(body.name, "", body) for body in bodies.values()]
+        self._names, self._arms, self._rigids = zip(*named, strict=True)
+        self._index = {name: i for i, name in enumerate(self._names)}
+        self._first_body = len(named) - len(bodies)
+        self._is_hand = [len(robot.links) <= i < self._first_body for i in range(len(named))]
+        self._balls = np.array([rigid.ball for rigid in self._rigids])
+        self._pairs = self._body_pairs()
+        self._pair_array = np.array(self._pairs, dtype=np.intp).reshape(-1, 2)
+        self._pair_index = {pair: i for i, pair in enumerate(self._pairs)}
+        self._build_geometry()
+        self._current: _Mode | None = None
+
+    def checker(self, state: SceneState, working: Collection[str] = ()) -> StateChecker:
+        """The checker of ``state``; the hands of the arms in ``working`` need keep no margins."""
+        return StateChecker(self, state, working)
+
+    # Construction -----------------------------------------------------------------------------------------------------
+
+    def _body_pairs(self) -> list[tuple[int, int]]:
+        """All pairs of bodies but those that are rigid by construction and those that the robot's SRDF disables."""
+        robot, bodies = self._robot, self._bodies
+        links = {link.name: link for link in robot.links}
+        flanges = {arm: robot.arms[arm].flange_joint for arm in robot.hands}
+        fixed = {name for name, body in bodies.items() if body.fixed}
+        fixed |= {link.name for link in robot.links if link.joint == 0}
+
+        def checked(a: str, b: str) -> bool:
+            if a in fixed and b in fixed:
+                return False
+            if a in links and b in links:
+                return links[a].joint != links[b].joint and frozenset((a, b)) not in robot.disabled
+            arm = b.partition("/")[0]
+            if b in bodies or arm not in flanges:
+                return True
+            return links[a].joint != flanges[arm] if a in links else a.partition("/")[0] != arm
+
+        numbered = itertools.combinations(range(len(self._names)), 2)
+        return [(a, b) for a, b in numbered if checked(self._names[a], self._names[b])]
+
+    def _build_geometry(self) -> None:
+        """The pinocchio geometry: an object for each convex piece, a pair for each two pieces of a body pair."""
+        model = pin.GeometryModel()
+        self._pieces: list[list[tuple[int, Array]]] = []
+        for name, rigid in zip(self._names, self._rigids, strict=True):
+            objects = [pin.GeometryObject(name, 0, pin.SE3.Identity(), geometry) for geometry, _ in rigid.cover]
+            placements = [placement for _, placement in rigid.cover]
+            for i, entry in enumerate(objects):
+                entry.name = f"{name}:{i}"
+            self._pieces.append([(model.addGeometryObject(o), p) for o, p in zip(objects, placements, strict=True)])
+        self._members: list[list[int]] = []
+        self._pair_of: list[int] = []
+        for pair, (a, b) in enumerate(self._pairs):
+            both = list(itertools.product(self._pieces[a], self._pieces[b]))
+            for (first, _), (second, _) in both:
+                model.addCollisionPair(pin.CollisionPair(first, second))
+            self._members.append(list(range(len(self._pair_of), len(self._pair_of) + len(both))))
+            self._pair_of += [pair] * len(both)
+        self._geometry = model
+        self._geometry_data = pin.GeometryData(model)
+        self._data = self._model.createData()
+        self._manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._geometry, self._geometry_data)
+        self._callback = pin.CollisionCallBackDefault(self._geometry, self._geometry_data, True)
+
+    # States -----------------------------------------------------------------------------------------------------------
+
+    def mode(self, state: SceneState, working: Collection[str]) -> _Mode:
+        """Where ``state`` hangs every body, and what it asks of every pair."""
+        robot = self._robot
+        joints = np.zeros(len(self._names), dtype=np.intp)
+        poses = np.tile(np.eye(4), (len(self._names), 1, 1))
+        joints[: len(robot.links)] = [link.joint for link in robot.links]
+        at = len(robot.links)
+        for name, hand in robot.hands.items():
+            arm, count = robot.arms[name], len(hand.pieces)
+            base = arm.joint_from_flange @ arm.flange_from_base
+            joints[at : at + count] = arm.flange_joint
+            poses[at : at + count] = base @ hand.base_from_piece(state.openings[name])[0]
+            at += count
+        for name in self._bodies:
+            body = self._index[name]
+            carrier, poses[body] = state.carrier(name)
+            if carrier:
+                joints[body] = robot.arms[carrier].flange_joint
+                poses[body] = robot.arms[carrier].joint_from_flange @ poses[body]
+        first, second = self._pair_array.T
+        steps = self._steps(state)
+        return _Mode(joints, poses, joints[first] != joints[second], self._margins(state, steps, working), steps)
+
+    def static(self, mode: _Mode) -> tuple[Pair, ...]:
+        """Touching pairs among those that no joint can part."""
+        held = np.flatnonzero(~mode.moving)
+        centres = transform_points(mode.poses, self._balls[:, None, :3])[:, 0]
+        first, second = self._pair_array[held].T
+        apart = np.linalg.norm(centres[first] - centres[second], axis=1)
+        near = held[apart <= self._balls[first, 3] + self._balls[second, 3] + self._tolerance]
+        return tuple(self._named(pair) for pair in near if self._touch(mode, int(pair), np.eye(4), np.eye(4)))
+
+    def touching(self, mode: _Mode, q: Array, first_only: bool) -> tuple[Pair, ...]:
+        """Touching pairs at ``q`` among those that joints move; at most one of them if ``first_only``."""
+        self._enter(mode)
+        found: list[Pair] = []
+        silenced: list[int] = []
+        try:
+            while pin.computeCollisions(self._model, self._data, self._manager, self._callback, q):
+                pair = self._pair_of[self._callback.collisionPairIndex]
+                if self._moved_touch(mode, pair):
+                    found.append(self._named(pair))
+                    if first_only:
+                        break
+                for piece_pair in self._members[pair]:
+                    self._geometry_data.deactivateCollisionPair(piece_pair)
+                silenced += self._members[pair]
+        finally:
+            for piece_pair in silenced:
+                self._geometry_data.activateCollisionPair(piece_pair)
+        return tuple(found)
+
+    # Modes ------------------------------------------------------------------------------------------------------------
+
+    def _steps(self, state: SceneState) -> dict[int, list[tuple[int, Array]]]:
+        """For pairs in contact, the moves of the pair's second body out of it: each in the frame of a body."""
+        steps: dict[int, list[tuple[int, Array]]] = {}
+        for contact in state.contacts:
+            for name in (contact.first, contact.second):
+                if name not in self._index:
+                    raise UnknownNameError("contact", "body", name, self._names)
+            first, second = self._index[contact.first], self._index[contact.second]
+            pair = self._pair_index.get((min(first, second), max(first, second)))
+            if pair is not None:
+                step = (self._tolerance if first < second else -self._tolerance) * contact.normal
+                steps.setdefault(pair, []).append((first, step))
+        return steps
+
+    def _margins(self, state: SceneState, steps: Collection[int], working: Collection[str]) -> Array:
+        """The distance to keep for each pair; none in contact, none for hands at work."""
+        asked = self._asked
+        margins = np.zeros(len(self._pairs))
+        if not asked.arms and not asked.environment:
+            return margins
+        for pair, (a, b) in enumerate(self._pairs):
+            at_work = any(self._is_hand[i] and self._arms[i] in working for i in (a, b))
+            if pair in steps or at_work or a >= self._first_body:
+                continue
+            if b >= self._first_body:
+                carried = state.carrier(self._names[b])[0] == self._arms[a] != ""
+                margins[pair] = 0.0 if carried else asked.environment
+            elif self._arms[a] and self._arms[b] and self._arms[a] != self._arms[b]:
+                margins[pair] = asked.arms
+        return margins
+
+    def _enter(self, mode: _Mode) -> None:
+        """Change placements, active pairs and margins in place, where ``mode`` differs from the current one."""
+        old, self._current = self._current, mode
+        if old is mode:
+            return
+        objects = self._geometry.geometryObjects
+        if old is None:
+            changed = flipped = remargined = slice(None)
+        else:
+            changed = (mode.joints != old.joints) | (mode.poses != old.poses).any(axis=(1, 2))
+            flipped, remargined = mode.moving != old.moving, mode.margins != old.margins
+        for body in np.arange(len(self._names))[changed]:
+            for piece, placement in self._pieces[body]:
+                objects[piece].parentJoint = int(mode.joints[body])
+                objects[piece].placement = pin.SE3(mode.poses[body] @ placement)
+        turn_on, turn_off = self._geometry_data.activateCollisionPair, self._geometry_data.deactivateCollisionPair
+        for pair in np.arange(len(self._pairs))[flipped]:
+            change = turn_on if mode.moving[pair] else turn_off
+            for piece_pair in self._members[pair]:
+                change(piece_pair)
+        for pair in np.arange(len(self._pairs))[remargined]:
+            for piece_pair in self._members[pair]:
+                self._geometry_data.collisionRequests[piece_pair].security_margin = float(mode.margins[pair])
+        self._manager.update(True)
+
+    # Exact checks -----------------------------------------------------------------------------------------------------
+
+    def _named(self, pair: int) -> Pair:
+        a, b = self._pairs[pair]
+        return self._names[a], self._names[b]
+
+    def _moved_touch(self, mode: _Mode, pair: int) -> bool:
+        """Whether two bodies whose pieces touch at the configuration just checked touch themselves."""
+        a, b = self._pairs[pair]
+        if pair not in mode.steps and self._rigids[a].exact_cover and self._rigids[b].exact_cover:
+            return True
+        return self._touch(mode, pair, *(self._data.oMi[int(mode.joints[i])].homogeneous for i in (a, b)))
+
+    def _touch(self, mode: _Mode, pair: int, frame_a: Array, frame_b: Array) -> bool:
+        """Whether two bodies touch, the frames of their joints being at ``frame_a`` and ``frame_b`` (4, 4)."""
+        a, b = self._pairs[pair]
+        pose_a, pose_b = frame_a @ mode.poses[a], frame_b @ mode.poses[b]
+        out = [(pose_a if body == a else pose_b)[:3, :3] @ step for body, step in mode.steps.get(pair, ())]
+        pose_b[:3, 3] += np.sum(out, axis=0)
+        return self._rigids[a].touches(self._rigids[b], invert(pose_a) @ pose_b, float(mode.margins[pair]))
+
+
+def _arm_moved_by(robot: Robot, joint: int) -> str:
+    """The arm that has ``joint`` among its own; empty for torso and base."""
+    model = robot.model
+    owners = (
+        (name for name, arm in robot.arms.items() if model.joints[joint].idx_q in arm.indices) if joint else iter(())
+    )
+    return next(owners, "")

@@ -1,0 +1,102 @@
+"""Rigid bodies made of shapes: links of robots, pieces of hands, parts and obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import coal
+import numpy as np
+import trimesh
+
+from ..transforms import Array, invert, transform_points
+from .shapes import Shape, cover
+
+
+@dataclass(frozen=True, eq=False)
+class Rigid:
+    """Shapes that move as one.
+
+    Attributes:
+        name: Its name.
+        shapes: Its collision shapes.
+        placements: Pose (k, 4, 4) of each shape in the body's frame.
+        color: RGBA.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    placements: Array
+    color: Array
+
+    @cached_property
+    def cover(self) -> tuple[tuple[coal.CollisionGeometry, Array], ...]:
+        """Few convex shapes, each with its placement (4, 4), that together cover all shapes."""
+        return cover(self.shapes, self.placements)
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """All shapes as one triangle mesh in the body's frame [m]."""
+        moved = [s.mesh.copy().apply_transform(p) for s, p in zip(self.shapes, self.placements, strict=True)]
+        return trimesh.util.concatenate(moved)
+
+    @cached_property
+    def exact_cover(self) -> bool:
+        """Whether the cover is the body itself."""
+        return [geometry for geometry, _ in self.cover] == [shape.geometry for shape in self.shapes]
+
+    @cached_property
+    def corners(self) -> Array:
+        """Corners (8, 3) of a box around the body, along the axes of its frame [m]."""
+        pairs = zip(self.shapes, self.placements, strict=True)
+        points = np.concatenate([transform_points(p, _corners(s)) for s, p in pairs])
+        corners: Array = trimesh.bounds.corners([points.min(axis=0), points.max(axis=0)])
+        return corners
+
+    @cached_property
+    def ball(self) -> Array:
+        """Centre and radius (4,) of a ball around the body, in its frame [m]."""
+        return _ball(self.corners)
+
+    @cached_property
+    def balls(self) -> Array:
+        """Centre and radius (k, 4) of a ball around each shape, in the body's frame [m]."""
+        pairs = zip(self.shapes, self.placements, strict=True)
+        return np.array([_ball(transform_points(p, _corners(s))) for s, p in pairs])
+
+    def touches(self, other: Rigid, self_from_other: Array, margin: float = 0.0) -> bool:
+        """Whether the exact shapes of two bodies touch, or come nearer than ``margin`` [m].
+
+        Args:
+            other: The other body.
+            self_from_other: Its pose (4, 4) in the frame of this one.
+            margin: Distance to keep [m].
+        """
+        centres = transform_points(self_from_other, other.balls[:, :3])
+        gaps = np.linalg.norm(self.balls[:, None, :3] - centres, axis=-1) - self.balls[:, None, 3] - other.balls[:, 3]
+        for i, j in np.argwhere(gaps <= margin):
+            mine, theirs = self.shapes[i], other.shapes[j]
+            if _collide(mine, self.placements[i], theirs, self_from_other @ other.placements[j], margin):
+                return True
+        return False
+
+
+def _collide(a: Shape, pose_a: Array, b: Shape, pose_b: Array, margin: float) -> bool:
+    request = coal.CollisionRequest()
+    request.security_margin = margin
+    placed = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (pose_a, pose_b)]
+    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()):
+        return True
+    return (not a.solid and a.contains(b, invert(pose_a) @ pose_b)) or (
+        not b.solid and b.contains(a, invert(pose_b) @ pose_a)
+    )
+
+
+def _corners(shape: Shape) -> Array:
+    corners: Array = trimesh.bounds.corners(shape.bounds)
+    return corners
+
+
+def _ball(corners: Array) -> Array:
+    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    return np.append(centre, np.linalg.norm(corners - centre, axis=1).max())

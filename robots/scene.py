@@ -1,0 +1,132 @@
+"""A robot among bodies: the one door to their states and to collision checks between them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy.typing as npt
+
+from ..errors import InputError, UnknownNameError
+from ..transforms import Array, checked_poses, invert
+from .collision import CollisionEngine, StateChecker
+from .robot import Robot
+from .state import CONTACT_TOLERANCE, Attachment, Body, Margins, SceneState
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot among bodies.
+
+    Attributes:
+        robot: The robot with its hands.
+        bodies: Parts and obstacles by name.
+        margins: Distances to keep.
+        contact_tolerance: How far bodies in contact may sink into each other [m].
+    """
+
+    robot: Robot
+    bodies: Mapping[str, Body]
+    margins: Margins = field(default_factory=Margins)
+    contact_tolerance: float = CONTACT_TOLERANCE
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        bodies: Iterable[Body],
+        margins: Margins | None = None,
+        contact_tolerance: float = CONTACT_TOLERANCE,
+    ) -> Scene:
+        """A scene of ``robot`` and ``bodies``.
+
+        Raises:
+            InputError: Two things have the same name.
+        """
+        listed = list(bodies)
+        taken = [link.name for link in robot.links] + list(robot.arms) + [body.name for body in listed]
+        double = [name for i, name in enumerate(taken) if name in taken[:i] and name in {b.name for b in listed}]
+        if double:
+            raise InputError("scene", f"the name {double[0]!r} is taken", "give every body a name of its own")
+        return cls(robot, {body.name: body for body in listed}, margins or Margins(), contact_tolerance)
+
+    def state(
+        self,
+        poses: Mapping[str, npt.ArrayLike],
+        q: npt.ArrayLike | None = None,
+        openings: Mapping[str, float] | None = None,
+    ) -> SceneState:
+        """A checked state: ``poses`` (4, 4) of all bodies; home and open hands unless given.
+
+        Raises:
+            InputError: A body is missing or unknown, a pose is not rigid, an opening is outside the stroke, or ``q`` is
+                no configuration within the limits.
+        """
+        for name in (*poses, *self.bodies):
+            if name not in self.bodies or name not in poses:
+                known = tuple(self.bodies)
+                raise UnknownNameError("poses", "body" if name not in self.bodies else "pose for body", name, known)
+        widest = {name: hand.stroke[1] for name, hand in self.robot.hands.items()}
+        state = SceneState(
+            q=self.robot.home if q is None else self.robot.checked_configuration(q),
+            openings={**widest, **(openings or {})},
+            poses={name: checked_poses(pose, f"pose of {name}") for name, pose in poses.items()},
+        )
+        for name, opening in state.openings.items():
+            self.robot.arm(name).flange_from_hand(opening)
+        return state
+
+    def world_from_body(self, state: SceneState, body: str) -> Array:
+        """Pose (4, 4) of ``body`` in the world.
+
+        Raises:
+            UnknownNameError: There is no such body.
+        """
+        arm, pose = state.carrier(body)
+        return self.robot.flange(arm, state.q) @ pose if arm else pose
+
+    def checker(self, state: SceneState, working: Collection[str] = ()) -> StateChecker:
+        """The collision checker of ``state`` at any configuration; hands of arms in ``working`` keep no margins."""
+        return self._engine.checker(state, working)
+
+    def touching(self, state: SceneState) -> tuple[tuple[str, str], ...]:
+        """Names of all touching pairs in ``state``."""
+        return self.checker(state).touching(state.q)
+
+    @cached_property
+    def _engine(self) -> CollisionEngine:
+        return CollisionEngine(self.robot, self.bodies, self.margins, self.contact_tolerance)
+
+    def attach(self, state: SceneState, body: str, carrier: str) -> SceneState:
+        """``state`` with ``body`` carried, as it stands now, by an arm's hand or by another body.
+
+        Raises:
+            InputError: The body is an obstacle, or carries the carrier itself.
+            UnknownNameError: There is no such body or carrier.
+        """
+        world_from_body = self.world_from_body(state, body)
+        if self.bodies[body].fixed:
+            raise InputError(f"attach {body}", "it is an obstacle", "make it a part (fixed=False)")
+        above = carrier
+        while above in state.attached and above != body:
+            above = state.attached[above].carrier
+        if above == body:
+            raise InputError(f"attach {body}", f"{carrier} is carried by it", "attach it to something else")
+        if carrier in self.robot.arms:
+            world_from_carrier = self.robot.flange(carrier, state.q)
+        else:
+            world_from_carrier = self.world_from_body(state, carrier)
+        entry = Attachment(carrier, invert(world_from_carrier) @ world_from_body)
+        poses = {name: pose for name, pose in state.poses.items() if name != body}
+        return replace(state, poses=poses, attached={**state.attached, body: entry})
+
+    def detach(self, state: SceneState, body: str) -> SceneState:
+        """``state`` with ``body`` left where it is, carried by nothing.
+
+        Raises:
+            UnknownNameError: Nothing carries it.
+        """
+        if body not in state.attached:
+            raise UnknownNameError("detach", "attached body", body, tuple(state.attached))
+        return state.with_pose(body, self.world_from_body(state, body))
