@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -84,24 +84,21 @@ class CrossingArm:
     def _starts(self, moved: Array) -> tuple[Array, Rows]:
         """Configurations (m, 6) close to solutions, and their targets (m,)."""
         seen = self._seen(moved)
-        step = self.samples[1] - self.samples[0]
         coarse = self._branch(*seen, self.samples, _SIGNS[:, None, None, None], _SIGNS[:, None, None])
-        (*sides, target, place), doubtful = _scan(coarse.residual, coarse.margin)
-        elbow, shoulder = _SIGNS[sides]
-        found = [(elbow, shoulder, target, self.samples[0] + step * place)]
+        change, _, doubtful = _scan(coarse.residual, coarse.margin)
+        *sides, target, k = np.nonzero(change | doubtful)
 
-        # Two roots between samples leave no change of sign: where there may be some, look closer.
-        *sides, target, k = np.nonzero(doubtful)
+        # Look closer there: what is still in doubt gets a start as well.
         elbow, shoulder = _SIGNS[sides]
-        near = self.samples[k][:, None] + step * np.linspace(0.0, 1.0, _FINER + 1)
+        step = (self.samples[1] - self.samples[0]) / _FINER
+        near = self.samples[k][:, None] + step * np.arange(_FINER + 1)
         fine = self._branch(*(part[target] for part in seen), near, elbow[:, None], shoulder[:, None])
-        (row, place), doubtful = _scan(fine.residual, fine.margin)
-        rest, k = np.nonzero(doubtful)
-        row, place = np.concatenate([row, rest]), np.concatenate([place, k + 0.5])
-        found.append((elbow[row], shoulder[row], target[row], near[row, 0] + step / _FINER * place))
+        change, place, doubtful = _scan(fine.residual, fine.margin)
+        row, k = np.nonzero(change | doubtful)
+        q5 = near[row, k] + step * place[row, k]
 
-        elbow, shoulder, target, q5 = (np.concatenate(column) for column in zip(*found, strict=True))
-        branch = self._branch(*(part[target] for part in seen), q5[:, None], elbow[:, None], shoulder[:, None])
+        target, elbow, shoulder = target[row], elbow[row, None], shoulder[row, None]
+        branch = self._branch(*(part[target] for part in seen), q5[:, None], elbow, shoulder)
         return self._closed(moved[target], branch, q5), target
 
     def _seen(self, moved: Array) -> tuple[Array, Array]:
@@ -172,13 +169,14 @@ def _unit(numbers: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
     return np.asarray(numbers / np.maximum(np.abs(numbers), 1e-300))
 
 
-def _scan(residual: Array, margin: Array) -> tuple[tuple[npt.NDArray[Any], ...], npt.NDArray[np.bool_]]:
-    """Roots of the residual (..., k) along its samples, and the intervals (..., k - 1) that may hide more.
+def _scan(residual: Array, margin: Array) -> tuple[npt.NDArray[np.bool_], Array, npt.NDArray[np.bool_]]:
+    """Where the residual (..., k), sampled along its last axis, is or may be zero.
 
     The first sample past a fold, where two branches join at the boundary of reach, counts as lying on it.
 
     Returns:
-        Indices of the roots in the leading axes and, last, their places between samples; and the mask of intervals.
+        For each interval (..., k - 1): whether the residual changes sign; the place between its ends, from 0 to 1,
+        where it does (else 0.5); and whether two roots may hide that leave no change of sign.
     """
     real = margin >= 0.0
     usable = real.copy()
@@ -186,17 +184,15 @@ def _scan(residual: Array, margin: Array) -> tuple[tuple[npt.NDArray[Any], ...],
     usable[..., :-1] |= real[..., 1:]
     left, right = residual[..., :-1], residual[..., 1:]
     change = (left * right <= 0.0) & usable[..., :-1] & usable[..., 1:]
-    *index, k = np.nonzero(change)
-    a, b = left[change], right[change]
-    roots = (*index, k + a / np.where(a == b, 1.0, a - b))
+    place = np.where(change & (left != right), left / np.where(left == right, 1.0, left - right), 0.5)
 
     size, jump = np.abs(residual), np.abs(right - left)
     dip = (size[..., 1:-1] <= size[..., :-2]) & (size[..., 1:-1] <= size[..., 2:])
-    dip &= usable[..., :-2] & usable[..., 1:-1] & usable[..., 2:] & ~change[..., 1:] & ~change[..., :-1]
+    dip &= usable[..., :-2] & usable[..., 1:-1] & usable[..., 2:]
     dip &= size[..., 1:-1] <= 0.5 * np.maximum(jump[..., :-1], jump[..., 1:])
     peak = (margin[..., 1:-1] >= np.maximum(margin[..., :-2], margin[..., 2:])) & ~real[..., 1:-1]
     beside = dip | (peak & (margin[..., 1:-1] > -_NEAR_REACH))
     doubtful = (real[..., :-1] != real[..., 1:]) & (np.minimum(size[..., :-1], size[..., 1:]) < _NEAR_FOLD)
     doubtful[..., 1:] |= beside
     doubtful[..., :-1] |= beside
-    return roots, doubtful
+    return change, place, doubtful
