@@ -23,7 +23,6 @@ from .touch import first_touch
 
 _VERTICAL = 0.95  # cosine from which a closing axis counts as vertical
 FLUSH = 1e-6  # m; what rises less than this above a contact does not hold a pad off
-_TURNING_PASSES = 3  # the face of a pad that turns while closing: each pass leaves a sixth of the error
 _NARROWER = (0.75, 0.5, 0.25)  # approach openings tried below fully open, as shares of what is left to open
 
 
@@ -90,7 +89,8 @@ class Stand:
     """How the pads stand on the part (n candidates).
 
     Attributes:
-        stand_off: (n, 2) how far each side stands off its contact point [m], the single finger first; what has to sink in.
+        stand_off: (n, 2) how far each side stands off its contact point [m], the single finger first: what has to sink in.
+            Infinite where another pad was already too far off for this one to be looked at.
         gap: (n,) how far the farther finger of a pair hangs above the surface [m]; 0 for one finger.
         opening: (n,) opening of the hand [m].
     """
@@ -104,34 +104,65 @@ class Stand:
         return Stand(self.stand_off[chosen], self.gap[chosen], self.opening[chosen])
 
 
-def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, floor: float) -> Stand:
+def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, h_max: float, floor: float) -> Stand:
     """Move the pads of each candidate in along the closing axis until the whole face of one a side first touches.
+
+    Where the faces turn while closing they are put as they are at the opening: first at that of the contacts, then, for
+    candidates that come near enough, at the one that this gives.
 
     Args:
         part: The part.
         hand: A hand with fingers.
         pairs: Contact pairs.
         candidates: How the hand is put on them; the contacts are within the stroke.
-        floor: How far below the contacts a surface is looked for, not above zero [m].
+        h_max: Deepest penetration of a pad [m].
+        floor: How far below the contacts a surface of the second side is looked for, not above zero [m].
     """
-    width, ends = pairs.width[candidates.pair], candidates.ends(pairs)
-    reach = (hand.stroke[1] - width) / 2.0
-    opening = width
-    for _ in range(_TURNING_PASSES if _pads_turn(hand) else 1):
-        placed = compose(candidates.rotation, ends.mean(axis=1))[:, None] @ hand.hand_from_pad(opening)
-        touch = np.zeros((len(candidates), len(hand.pads)))
-        for i, pad in enumerate(hand.pads):
-            outward = (-1.0 if i == 0 else 1.0) * candidates.closing
-            at_contact = placed[:, i].copy()
-            at_contact[:, :3, 3] -= 0.5 * (opening - width)[:, None] * outward
-            end = 2 * candidates.pair + (candidates.swapped ^ (i > 0))
-            place = end if len(hand.pads) == 2 else np.arange(len(candidates))
-            touch[:, i] = first_touch(part.mesh, place, outward, at_contact, pad.size, floor=floor, reach=reach)
-        nearest, other = np.maximum(touch[:, 0], 0.0), touch[:, 1:].max(axis=1)
-        other = np.maximum(other, 0.0) if len(hand.pads) == 2 else other
-        opening = np.clip(width + nearest + np.maximum(other, floor), *hand.stroke)
-    gap = np.maximum(other, 0.0) - touch[:, 1:].min(axis=1) if len(hand.pads) > 2 else np.zeros(len(candidates))
-    return Stand(np.stack([nearest, other], axis=1), gap, width + nearest + other)
+    width = pairs.width[candidates.pair]
+    hopeless = 2.0 * h_max + FLUSH
+    touch = _touch(part, hand, pairs, candidates, width, floor, hopeless)
+    near = np.flatnonzero((touch <= hopeless).all(axis=1) & _pads_turn(hand))
+    if len(near):
+        opening = np.clip(width[near] + _stand_off(touch[near]).sum(axis=1), *hand.stroke)
+        touch[near] = _touch(part, hand, pairs, candidates.take(near), opening, floor, hopeless)
+    stand_off, gap = _stand_off(touch), np.zeros(len(touch))
+    if len(hand.pads) > 2:
+        looked = np.isfinite(stand_off).all(axis=1)
+        gap[looked] = np.maximum(stand_off[looked, 1], 0.0) - touch[looked, 1:].min(axis=1)
+    return Stand(stand_off, gap, width + stand_off.sum(axis=1))
+
+
+def _stand_off(touch: Array) -> Array:
+    """Stand-off (n, 2) of both sides from the first touch of each pad (n, pads); a single finger cannot pass its contact."""
+    single, other = np.maximum(touch[:, 0], 0.0), touch[:, 1:].max(axis=1)
+    return np.stack([single, np.maximum(other, 0.0) if touch.shape[1] == 2 else other], axis=1)
+
+
+def _touch(
+    part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, opening: Array, floor: float, hopeless: float
+) -> Array:
+    """First touch of each pad (n, pads), put with its contact point on the contact as it faces at ``opening`` (n,) [m]."""
+    width = pairs.width[candidates.pair]
+    placed = compose(candidates.rotation, candidates.ends(pairs).mean(axis=1))[:, None] @ hand.hand_from_pad(opening)
+    touch = np.full((len(candidates), len(hand.pads)), np.inf)
+    left = np.arange(len(candidates))
+    for i, pad in enumerate(hand.pads):
+        outward = (-1.0 if i == 0 else 1.0) * candidates.closing
+        at_contact = placed[:, i].copy()
+        at_contact[:, :3, 3] -= 0.5 * (opening - width)[:, None] * outward
+        centred = i == 0 or len(hand.pads) == 2
+        place = 2 * candidates.pair + (candidates.swapped ^ (i > 0)) if centred else np.arange(len(candidates))
+        touch[left, i] = first_touch(
+            part.mesh,
+            place[left],
+            outward[left],
+            at_contact[left],
+            pad.size,
+            floor=FLUSH if centred else floor,
+            reach=(hand.stroke[1] - width[left]) / 2.0,
+        )
+        left = left[touch[left, i] <= hopeless]
+    return touch
 
 
 def _pads_turn(hand: Hand) -> bool:

@@ -24,6 +24,8 @@ def plan_three_finger(
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """Grasps of one finger against two, which close as one; either side may take either contact (section IV.C).
 
+    Both fingers of the pair must come within ``t_dct`` of the surface; nearer than ``contact_tolerance`` counts as touching.
+
     Returns:
         The grasps, and the stages from ``"contact pairs"`` on.
     """
@@ -40,9 +42,10 @@ def plan_three_finger(
     stroke = Stage("stroke collision", len(candidates), len(left), dropped, process_time() - started)
 
     started = process_time()
-    standing = stand(part, hand, pairs, left, floor=-parameters.t_dct - FLUSH)
+    within = max(parameters.t_dct, parameters.contact_tolerance)
+    standing = stand(part, hand, pairs, left, parameters.h_max, floor=-within)
     sinks = (standing.stand_off > parameters.h_max + FLUSH).any(axis=1)
-    hangs = ~sinks & (standing.gap > parameters.t_dct + FLUSH)
+    hangs = ~sinks & (standing.gap > within)
     opening = standing.opening + 2.0 * parameters.contact_tolerance
     misfit = ~sinks & ~hangs & ((standing.opening < hand.stroke[0]) | (opening > hand.stroke[1]))
     good = ~(sinks | hangs | misfit)

@@ -35,7 +35,7 @@ def plan_two_finger(
     started = process_time()
     same_turned = looks_the_same_turned(hand)
     candidates = turn_about(pairs, parameters.n_da, both_ways=not same_turned)
-    standing = stand(part, hand, pairs, candidates, floor=FLUSH)
+    standing = stand(part, hand, pairs, candidates, parameters.h_max, floor=0.0)
     sinks = (standing.stand_off > parameters.h_max + FLUSH).any(axis=1)
     wide = ~sinks & (standing.opening + 2.0 * parameters.contact_tolerance > hand.stroke[1])
     good = ~(sinks | wide)
