@@ -303,6 +303,7 @@ def test_targets_that_random_configurations_never_come_near_are_empty(name: str,
     solutions = solve_ik(chain, targets)
     assert 0 < solutions.solved.sum() < 200
     unsolved = np.flatnonzero(~solutions.solved)[:20]
+    assert solve_ik(chain, targets[unsolved]).q.shape == (0, chain.dof)
     _, target = dense_branches(chain, targets[unsolved], 200)
     assert len(target) <= 1
 
@@ -346,6 +347,14 @@ def test_solutions_tell_which_target_they_belong_to(rng: np.random.Generator) ->
     assert solutions.solved.tolist() == [True, True, False, True, True]
     assert (solutions.counts == [len(solutions.of(i)) for i in range(5)]).all()
     assert sum(solutions.counts) == len(solutions.q)
+
+
+@pytest.mark.parametrize("name", ["ur3", "nextage_left", "panda"])
+def test_no_targets_have_no_answers(name: str) -> None:
+    _, chain = load(name)
+    solutions = solve_ik(chain, np.zeros((0, 4, 4)))
+    assert solutions.q.shape == (0, chain.dof)
+    assert solutions.solved.shape == (0,)
 
 
 def test_targets_that_are_no_poses_are_refused() -> None:
