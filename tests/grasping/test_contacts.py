@@ -181,7 +181,7 @@ def test_smaller_distances_give_more_contacts(paper_part, name, knob, values):
 def test_too_many_samples_are_refused_with_the_cure(block):
     facets = segment(block, 0.0, 0.0)
     large = Part.from_mesh(trimesh.creation.box([1.9, 1.9, 1.9]), mass=1.0)
-    with pytest.raises(InputError, match=r"t_rnn: 3 mm asks for .*give 9\.\d mm or more"):
+    with pytest.raises(InputError, match=r"t_rnn: 3 mm asks for .*give 13\.\d mm or more"):
         sample_contacts(large, segment(large, 0.1, 0.1), GraspParameters())
     assert len(sample_contacts(block, facets, GraspParameters())[0]) > 0
 
