@@ -54,7 +54,7 @@ class LipFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class HandFile(msgspec.Struct, forbid_unknown_fields=True):
-    """The YAML of a hand: fingers need driver, stroke, contact_depth, pads, grip_force, speed; cups lip, vacuum_force."""
+    """The YAML of a hand: fingers need driver, stroke, contact_depth, pads, grip_force, speed; cups a lip and force."""
 
     name: str
     kind: Kind

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from ..errors import InputError, UnknownNameError
 from ..transforms import Array, checked_poses, invert
+from .allowed import disabled_collisions
 from .chain import Chain
 from .files import read_yaml
 from .hand import Hand
@@ -161,7 +162,11 @@ class Robot:
         )
         home = _home(model, semantics)
         arms = _arms(model, semantics, home)
-        disabled = _disabled(model, links, semantics)
+        if semantics.disabled:
+            disabled = _disabled(model, semantics)
+        else:
+            log.info("%s disables no collisions: the pairs that need no check are sampled", srdf)
+            disabled = frozenset(frozenset(pair[:2]) for pair in disabled_collisions(model, parsed.geometry))
         return cls(Path(urdf).stem, model, links, arms, home, acceleration, disabled)
 
     def with_hand(self, arm: str, hand: Hand, flange_from_base: Array | None = None) -> Robot:
@@ -357,12 +362,9 @@ def _link_below(model: pin.Model, joint: int) -> str:
     return str([f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY][-1])
 
 
-def _disabled(model: pin.Model, links: Sequence[Link], srdf: Srdf) -> frozenset[frozenset[str]]:
-    known = {frame.name for frame in model.frames}
-    for pair in srdf.disabled:
-        for name in pair:
-            if name not in known:
-                raise UnknownNameError(
-                    f"{srdf.path}: disable_collisions", "link", name, tuple(link.name for link in links)
-                )
+def _disabled(model: pin.Model, srdf: Srdf) -> frozenset[frozenset[str]]:
+    known = [frame.name for frame in model.frames]
+    for name in itertools.chain.from_iterable(srdf.disabled):
+        if name not in known:
+            raise UnknownNameError(f"{srdf.path}: disable_collisions", "link", name, known)
     return frozenset(frozenset(pair) for pair in srdf.disabled)

@@ -36,7 +36,8 @@ class Urdf:
     Attributes:
         path: The file.
         model: Kinematics; mimic joints are joints of their own.
-        shapes: Collision shapes.
+        geometry: Collision shapes as pinocchio read them.
+        shapes: The same shapes.
         placements: Pose (n, 4, 4) of each shape in the frame of the joint that carries it.
         links: Name of the link of each shape.
         joints: Index of the pinocchio joint that carries each shape.
@@ -46,6 +47,7 @@ class Urdf:
 
     path: Path
     model: pin.Model
+    geometry: pin.GeometryModel
     shapes: tuple[Shape, ...]
     placements: Array
     links: tuple[str, ...]
@@ -89,6 +91,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
     return Urdf(
         path=path,
         model=model,
+        geometry=geometry,
         shapes=_shapes(objects),
         placements=np.array([entry.placement.homogeneous for entry in objects]).reshape(-1, 4, 4),
         links=tuple(model.frames[entry.parentFrame].name for entry in objects),

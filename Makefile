@@ -1,0 +1,34 @@
+# Two targets for a fresh machine: each makes the virtual environment by itself when it is missing or out of date.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test slow bench lint clean
+
+demo: $(VENV)/ready
+	$(BIN)/python examples/01_first_motion.py
+
+test: $(VENV)/ready
+	$(BIN)/python -m pytest -n 2
+
+slow: $(VENV)/ready
+	$(BIN)/python -m pytest -n 2 -m slow
+
+bench: $(VENV)/ready
+	for bench in tests/bench/bench_*.py; do $(BIN)/python $$bench || exit 1; done
+
+lint: $(VENV)/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+$(VENV)/ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
+	  || { echo "Kumitate needs Python 3.11 to 3.13; name one with: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]' >$(VENV)/install.log 2>&1 \
+	  || { tail -n 3 $(VENV)/install.log; echo "The packages could not be installed: is there a network, and does pip reach a package index? (all of it: $(VENV)/install.log)"; exit 1; }
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info out
