@@ -28,9 +28,12 @@ class HandCollision:
         self._part = fcl.CollisionObject(_hierarchy(part.mesh))
         self._pieces = [fcl.CollisionObject(_hierarchy(piece.mesh)) for piece in hand.pieces]
         self._part_box = _box(part.mesh)
-        carriers = {pad.joint for pad in hand.pads}
-        # Pieces with pads come last: being close to the part, they take longest to check and hit least often.
-        self._order = sorted(range(len(hand.pieces)), key=lambda k: hand.pieces[k].joint in carriers)
+        # Small pieces away from the part answer quickest; pads, close to the part everywhere, take longest and
+        # hit least.
+        pads, base = {pad.joint for pad in hand.pads}, 0
+        self._order = sorted(
+            range(len(hand.pieces)), key=lambda k: (hand.pieces[k].joint in pads, hand.pieces[k].joint == base)
+        )
         boxes = [_box(piece.mesh) for piece in hand.pieces]
         self._centers = np.array([center for center, _ in boxes])
         self._halves = np.array([half for _, half in boxes])
@@ -90,7 +93,9 @@ def looks_the_same_turned(hand: Hand) -> bool:
 
     Swapping the fingers of such a hand changes the wrist, but nothing between hand and part.
     """
-    shapes = [(k, shape, at) for k, p in enumerate(hand.pieces) for shape, at in zip(p.shapes, p.placements, strict=True)]
+    shapes = [
+        (k, shape, at) for k, p in enumerate(hand.pieces) for shape, at in zip(p.shapes, p.placements, strict=True)
+    ]
     if not all(shape.solid for _, shape, _ in shapes):
         return False
     half_turn = rotation_about([0.0, 0.0, 1.0], np.pi)

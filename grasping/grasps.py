@@ -27,7 +27,8 @@ class GraspSet:
         hand: Name of the hand.
         part_from_hand: (n, 4, 4) poses of the hand frame at ``opening``.
         opening: (n,) opening at which the pads stand on the part [m]; 0 for a suction cup.
-        approach_opening: (n,) fully open, or the widest opening tried that clears the part with the base where it grasps [m].
+        approach_opening: (n,) fully open, or the widest opening tried that clears the part with the base where it
+            grasps [m].
         contacts: (n, k, 3) contact points [m]: the single finger's, then the other side's; one for a cup.
         normals: (n, k, 3) outward unit normals of the surface at the contacts.
         facets: (n, k) facets the contacts belong to.
@@ -68,12 +69,16 @@ class GraspSet:
             if not isinstance(array, np.ndarray) or array.shape != shape:
                 raise InputError(f"grasps: {name}", f"shape {np.shape(array)}", f"give an array of shape {shape}")
             if array.dtype.kind not in ("i" if name == "facets" else "f") or not np.isfinite(array).all():
-                raise InputError(f"grasps: {name}", f"dtype {array.dtype}, or values that are not finite", "give finite numbers")
+                raise InputError(
+                    f"grasps: {name}", f"dtype {array.dtype}, or values that are not finite", "give finite numbers"
+                )
         checked_poses(self.part_from_hand, "grasps: part_from_hand")
         if np.any(np.abs(np.linalg.norm(self.normals, axis=-1) - 1.0) > _UNIT):
             raise InputError("grasps: normals", "a normal is not of unit length", "normalise it")
         if np.any(self.opening < 0.0) or np.any(self.approach_opening < self.opening):
-            raise InputError("grasps: opening", "negative, or wider than the approach opening", "give 0 <= opening <= approach")
+            raise InputError(
+                "grasps: opening", "negative, or wider than the approach opening", "give 0 <= opening <= approach"
+            )
         for name in _ARRAYS:
             getattr(self, name).setflags(write=False)
 
@@ -92,8 +97,8 @@ class GraspSet:
     def thin(self, n: int) -> GraspSet:
         """At most n grasps that are good and spread over position and approach direction, the best of all first.
 
-        Each next grasp has the largest quality times distance to those already chosen; the distance adds the grasp centres'
-        (over the spread of all centres) to the angle between the approach directions (over half a turn).
+        Each next grasp has the largest quality times distance to those already chosen; the distance adds the grasp
+        centres' (over the spread of all centres) to the angle between the approach directions (over half a turn).
         """
         if n >= len(self):
             return self

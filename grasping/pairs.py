@@ -30,8 +30,8 @@ class ContactPairs:
         points: (n, 2, 3) the two points on the surface [m].
         normals: (n, 2, 3) outward unit normals of the surface at the points.
         facets: (n, 2) facets the points belong to.
-        parallelness: (n,) the smallest of four angles [rad], pi at best: between the two facets' normals, between the surface
-            normals at the two points, and between each of these and the closing axis as it enters there.
+        parallelness: (n,) the smallest of four angles [rad], pi at best: between the two facets' normals, between the
+            surface normals at the two points, and between each of these and the closing axis as it enters there.
     """
 
     points: Array
@@ -61,10 +61,10 @@ class ContactPairs:
 def find_pairs(
     part: Part, facets: Facets, contacts: Contacts, parameters: GraspParameters
 ) -> tuple[ContactPairs, tuple[Stage, ...]]:
-    """Send a line from each contact into the part and pair it with every opposing facet it meets (section IV.B, lines 1 to 8).
+    """Send a line from each contact into the part and pair it with every opposing facet it meets (IV.B, lines 1 to 8).
 
-    Two pairs whose points lie within ``t_rnn`` of each other's, either way round, are one: the more parallel stays. So the
-    pairs at a larger ``theta_parl`` are among those at a smaller one.
+    Two pairs whose points lie within ``t_rnn`` of each other's, either way round, are one: the more parallel stays. So
+    the pairs at a larger ``theta_parl`` are among those at a smaller one.
 
     Returns:
         The pairs, and the stage ``"contact pairs"``.
@@ -122,7 +122,10 @@ def _distinct(points: Array, radius: float) -> Indices:
     crossed = there.sparse_distance_matrix(back, np.sqrt(2.0) * radius, output_type="ndarray")
     crossed = np.stack([crossed["i"], crossed["j"]], axis=1)[crossed["i"] < crossed["j"]]
     close = [
-        near[np.linalg.norm(points[near[:, 0]] - points[near[:, 1]][:, turn], axis=-1).max(axis=-1, initial=0.0) <= radius]
+        near[
+            np.linalg.norm(points[near[:, 0]] - points[near[:, 1]][:, turn], axis=-1).max(axis=-1, initial=0.0)
+            <= radius
+        ]
         for near, turn in ((straight, slice(None)), (crossed, slice(None, None, -1)))
     ]
     before, after = np.concatenate(close).T

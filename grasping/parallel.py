@@ -1,4 +1,4 @@
-"""What two-finger and three-finger parallel grippers share: turning about a pair, standing on it, opening, holding it."""
+"""What two-finger and three-finger grippers share: turning about a pair, standing on it, opening, holding it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from math import pi
 from time import process_time
 
 import numpy as np
-import numpy.typing as npt
 
 from ..robots.hand import Hand
 from ..transforms import Array, compose, invert, rotation_about
@@ -64,8 +63,8 @@ class Candidates:
 def turn_about(pairs: ContactPairs, n_da: int, both_ways: bool) -> Candidates:
     """Every pair at ``n_da`` rotations about its closing axis, one way round or both.
 
-    Rotations count from the part's -z axis seen along the closing axis (from its -x axis when the closing axis is vertical),
-    so that a vertical approach is among them.
+    Rotations count from the part's -z axis seen along the closing axis (from its -x axis when the closing axis is
+    vertical), so that a vertical approach is among them.
     """
     axis, ways = pairs.axis, 1 + both_ways
     down = np.where(np.abs(axis[:, 2:]) > _VERTICAL, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0])
@@ -89,8 +88,8 @@ class Stand:
     """How the pads stand on the part (n candidates).
 
     Attributes:
-        stand_off: (n, 2) how far each side stands off its contact point [m], the single finger first: what has to sink in.
-            Infinite where another pad was already too far off for this one to be looked at.
+        stand_off: (n, 2) how far each side stands off its contact point [m], the single finger first: what has to sink
+            in. Infinite where another pad was already too far off for this one to be looked at.
         gap: (n,) how far the farther finger of a pair hangs above the surface [m]; 0 for one finger.
         opening: (n,) opening of the hand [m].
     """
@@ -133,7 +132,7 @@ def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, h
 
 
 def _stand_off(touch: Array) -> Array:
-    """Stand-off (n, 2) of both sides from the first touch of each pad (n, pads); a single finger cannot pass its contact."""
+    """Stand-off (n, 2) of both sides from the first touch of each pad (n, pads); one finger cannot pass its contact."""
     single, other = np.maximum(touch[:, 0], 0.0), touch[:, 1:].max(axis=1)
     return np.stack([single, np.maximum(other, 0.0) if touch.shape[1] == 2 else other], axis=1)
 
@@ -141,7 +140,7 @@ def _stand_off(touch: Array) -> Array:
 def _touch(
     part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, opening: Array, floor: float, hopeless: float
 ) -> Array:
-    """First touch of each pad (n, pads), put with its contact point on the contact as it faces at ``opening`` (n,) [m]."""
+    """First touch of each pad (n, pads), put on the contact the way it faces at ``opening`` (n,) [m]."""
     width = pairs.width[candidates.pair]
     placed = compose(candidates.rotation, candidates.ends(pairs).mean(axis=1))[:, None] @ hand.hand_from_pad(opening)
     touch = np.full((len(candidates), len(hand.pads)), np.inf)
@@ -176,8 +175,9 @@ def whole_hand(
 ) -> tuple[Mask, Array]:
     """Whether the hand touches the part where it grasps (n,), and the approach opening (n,) [m] of those that do not.
 
-    The fingers are checked opened by ``tolerance`` a side, with the base where it grasps: pads may touch what they hold and
-    nothing else. The approach opening is the stroke's end, or else the widest of a few below it, that is free as well.
+    The fingers are checked opened by ``tolerance`` a side, with the base where it grasps: pads may touch what they hold
+    and nothing else. The approach opening is the stroke's end, or else the widest of a few below it, that is free as
+    well.
     """
     part_from_base = part_from_hand @ invert(hand.base_from_hand(opening))
     loose = opening + 2.0 * tolerance
@@ -193,7 +193,7 @@ def whole_hand(
 
 
 def holding_margin(part: Part, hand: Hand, facets: Facets, pairs: ContactPairs, parameters: GraspParameters) -> Array:
-    """Stability margin (n,) of pairs (eq. 4): e_n of the weaker contact, the lever from the centre of mass to their middle."""
+    """Stability margin (n,) of pairs (eq. 4): e_n of the weaker one, lever from the centre of mass to their middle."""
     e_n = eccentricity(facets.radius[pairs.facets], parameters.h_max, hand.pads[0].radius).min(axis=-1)
     lever = np.linalg.norm(pairs.points.mean(axis=1) - part.center_of_mass, axis=-1)
     return stability_margin(lever, e_n, part.mass, hand.friction, hand.grip_force)
@@ -209,7 +209,7 @@ def finish(
     standing: Stand,
     parameters: GraspParameters,
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
-    """The last two steps of both planners: the whole hand against the part, then stability (section IV.B, lines 15 to 22).
+    """The last two steps of both planners: the whole hand against the part, then stability (IV.B, lines 15 to 22).
 
     Returns:
         The grasps, the best first and without a record, and the stages ``"hand collision"`` and ``"stability"``.
@@ -251,6 +251,6 @@ def finish(
 
 
 def quality(part: Part, margin: Array, distance: Array, parallelness: Array) -> Array:
-    """Quality (n,) in [0, 1]: stability margin x nearness to the centre of mass x cosine of the contacts' misalignment."""
+    """Quality (n,) in [0, 1]: stability margin x nearness to the centre of mass x cosine of the misalignment."""
     size = np.linalg.norm(part.mesh.vertices - part.center_of_mass, axis=-1).max()
     return np.asarray(margin * np.clip(1.0 - distance / size, 0.0, 1.0) * -np.cos(parallelness))

@@ -30,8 +30,8 @@ def plan_grasps(part: Part, hand: Hand, parameters: GraspParameters | None = Non
         parameters: The paper's parameters; its defaults unless given.
 
     Returns:
-        The grasps, the best first; ``record`` has one row for each stage. The set is empty where nothing holds the part, and the
-        record says which stage dropped the last candidates and why.
+        The grasps, the best first; ``record`` has one row for each stage. The set is empty where nothing holds the
+        part, and the record says which stage dropped the last candidates and why.
     """
     parameters = parameters or GraspParameters()
     started = process_time()

@@ -28,9 +28,10 @@ _VERTICAL = 0.95
 def plan_suction(
     part: Part, facets: Facets, contacts: Contacts, hand: Hand, parameters: GraspParameters
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
-    """Grasps of a suction cup: where its lip seals, turned about the normal, free of the part, held whichever way gravity turns.
+    """Grasps of a suction cup: where its lip seals, turned about the normal, free of the part, held against gravity.
 
-    The force that presses the part on is what the vacuum leaves when the weight pulls straight off: f_n = vacuum force - m g.
+    The force that presses the part on is what the vacuum leaves when the weight pulls straight off: f_n = vacuum force
+    - m g.
 
     Returns:
         The grasps, and the stages ``"seal"``, ``"hand collision"``, ``"stability"`` and ``"peel"``.
@@ -94,8 +95,8 @@ def lip_seals(part: Part, facets: Facets, contacts: Contacts, lip: Lip) -> tuple
     """Where a lip seals: it stays inside its facet and lies on the surface all around within the cup's compliance.
 
     Returns:
-        Whether each contact (n,) is nearer the facet's edge than the lip's radius; whether the lip leaks there; and how far
-        the cup's lip stands off the contact point [m].
+        Whether each contact (n,) is nearer the facet's edge than the lip's radius; whether the lip leaks there; and how
+        far the cup's lip stands off the contact point [m].
     """
     reach = 2.0 * lip.radius
     edge = boundary_distance(part, facets, contacts.points, contacts.facet, reach) < lip.radius

@@ -24,7 +24,8 @@ def plan_three_finger(
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """Grasps of one finger against two, which close as one; either side may take either contact (section IV.C).
 
-    Both fingers of the pair must come within ``t_dct`` of the surface; nearer than ``contact_tolerance`` counts as touching.
+    Both fingers of the pair must come within ``t_dct`` of the surface; nearer than ``contact_tolerance`` counts as
+    touching.
 
     Returns:
         The grasps, and the stages from ``"contact pairs"`` on.

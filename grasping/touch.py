@@ -26,12 +26,13 @@ def first_touch(
 ) -> Array:
     """How far faces must stand back to just touch the part (n,) [m]; -inf where they meet nothing.
 
-    Exact: each triangle is clipped to the prism that the face sweeps. Negative where the part begins only behind the face.
+    Exact: each triangle is clipped to the prism that the face sweeps. Negative where the part begins only behind the
+    face.
 
     Args:
         mesh: Triangles of the part [m].
-        place: (n,) faces of one place (the rotations of a pad about one contact) share ``outward``, ``reach`` and the search
-            for triangles around them.
+        place: (n,) faces of one place (the rotations of a pad about one contact) share ``outward``, ``reach`` and the
+            search for triangles around them.
         outward: (n, 3) unit directions away from the part, in which the faces stand back.
         part_from_pad: (n, 4, 4) where the faces are put; their y and z axes span them.
         size: Sides of the faces along y and z [m].
@@ -72,8 +73,8 @@ def first_touch(
 def _in_face(triangles: Array, triangle: Indices, face_from_part: Array, origin: Array, face: Indices) -> Array:
     """Corners of each ``triangle`` (m,) in the oblique coordinates of its ``face`` (m,): (3 corners, 3 coordinates, m).
 
-    The coordinates are y and z of the face and the distance along the closing axis. The long axis is last, which keeps the
-    arithmetic quick.
+    The coordinates are y and z of the face and the distance along the closing axis. The long axis is last, which keeps
+    the arithmetic quick.
     """
     corners = np.take(triangles.transpose(1, 2, 0), triangle, axis=2)
     turns = np.take(face_from_part.transpose(1, 2, 0), face, axis=2)

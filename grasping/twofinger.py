@@ -25,8 +25,8 @@ def plan_two_finger(
     """Grasps of a two-finger parallel gripper: contact pairs, then nested checks from cheap to dear (section IV.B).
 
     Returns:
-        The grasps, and the stages from ``"contact pairs"`` on. Both ways round (fingers swapped) are two grasps; where the
-        hand looks the same turned by half a turn the checks of one way serve both.
+        The grasps, and the stages from ``"contact pairs"`` on. Both ways round (fingers swapped) are two grasps; where
+        the hand looks the same turned by half a turn the checks of one way serve both.
     """
     pairs, record = find_pairs(part, facets, contacts, parameters)
     body = HandCollision(part, hand)
@@ -57,8 +57,8 @@ def clear_strokes(
 ) -> tuple[ContactPairs, Stage]:
     """Keep the pairs that the hand can span and whose strokes are free of the part (section IV.B, line 14).
 
-    The stroke of a finger is a cylinder of the pad's radius, from ``h_max`` outside the contact outward as far as the hand
-    opens; having no orientation it is checked once for all rotations.
+    The stroke of a finger is a cylinder of the pad's radius, from ``h_max`` outside the contact outward as far as the
+    hand opens; having no orientation it is checked once for all rotations.
     """
     started = process_time()
     wide = pairs.width + 2.0 * parameters.contact_tolerance > hand.stroke[1]
