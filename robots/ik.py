@@ -126,7 +126,7 @@ def track(chain: Chain, q_start: Array, world_from_tip: Array, max_joint_step: f
     path, reached = np.zeros((len(goals), *q.shape)), np.zeros(len(q), dtype=np.intp)
     going = np.arange(len(q))
     for step, goal in enumerate(goals):
-        moved = newton(chain, q[going], goal[going], _TRACK_ITERATIONS, max_joint_step)
+        moved = newton(chain, q[going], goal[going], _TRACK_ITERATIONS)
         near = np.abs(moved - q[going]).max(axis=1, initial=0.0) <= max_joint_step
         followed = near & is_at(chain, moved, goal[going])
         going = going[followed]

@@ -15,7 +15,7 @@ _LEAST_DAMPING = 1e-10
 _Z = np.array([[0.0], [0.0], [1.0]])
 
 
-def newton(chain: Chain, q: Array, world_from_tip: Array, iterations: int, max_step: float = 0.5) -> Array:
+def newton(chain: Chain, q: Array, world_from_tip: Array, iterations: int) -> Array:
     """Configurations (n, dof) within the limits, moved from ``q`` towards the poses.
 
     Levenberg-Marquardt with a damping that falls with the squared error (Sugihara 2011). A joint at its limit that
@@ -26,7 +26,6 @@ def newton(chain: Chain, q: Array, world_from_tip: Array, iterations: int, max_s
         q: (n, dof) where to start [rad or m].
         world_from_tip: (n, 4, 4) a pose for each.
         iterations: Steps at most.
-        max_step: Longest motion of a joint in one step [rad or m].
     """
     q = np.clip(q, chain.lower, chain.upper)
     goals = np.ascontiguousarray(world_from_tip[:, :3].transpose(2, 1, 0))
@@ -47,7 +46,6 @@ def newton(chain: Chain, q: Array, world_from_tip: Array, iterations: int, max_s
         if stuck.any():
             eased = jacobian[..., stuck] * ~blocked[:, stuck]
             step[:, stuck] = _damped_step(eased, error[:, stuck], _DAMPING * square[stuck] + _LEAST_DAMPING)
-        step *= np.minimum(1.0, max_step / np.maximum(np.abs(step).max(axis=0), max_step))
         q[rows] = np.clip((at + step).T, chain.lower, chain.upper)
     return q
 

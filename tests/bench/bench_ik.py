@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+
 from kumitate.robots import library
 from kumitate.robots.chain import Chain
 from kumitate.robots.ik import IKSolutions, IKSolver, make_solver, track

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+
 from kumitate.errors import InputError, UnknownNameError
 from kumitate.robots import library
 from kumitate.robots.chain import Chain

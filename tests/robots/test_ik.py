@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+
 from kumitate.errors import InputError
 from kumitate.robots import library
 from kumitate.robots.chain import Chain
 from kumitate.robots.ik import IKSolutions, make_solver, solve_ik, track
-from kumitate.robots.ik_newton import is_at, newton
+from kumitate.robots.ik_newton import is_at, newton, pose_error
 from kumitate.transforms import compose, rotation_about
 
 LIBRARY = Path(library.__file__).parent
@@ -281,6 +282,23 @@ def test_an_aligned_wrist_gives_one_answer_a_branch(rng: np.random.Generator) ->
     assert per_target.max() <= 4
 
 
+def test_the_free_angle_of_an_aligned_wrist_is_chosen_within_the_limits(rng: np.random.Generator) -> None:
+    _, chain = load("ur3")
+    low, high = chain.lower.copy(), chain.upper.copy()
+    low[5], high[5] = 0.4, 1.4
+    narrow = replace(chain, lower=low, upper=high)
+    q = narrow.random(rng, 200)
+    q[:, 4] = 0.0
+    assert solve_ik(narrow, narrow.forward(q)).solved.mean() >= 0.9
+
+
+def test_answers_next_to_half_a_turn_are_found(rng: np.random.Generator) -> None:
+    _, chain = any_arm("crossing 0")
+    q = chain.random(rng, 600)
+    q[np.arange(600), np.arange(600) % 6] = rng.choice([-1.0, 1.0], 600) * (np.pi - 1e-4)
+    assert found_again(solve_ik(chain, chain.forward(q)), q, np.arange(600)).mean() >= 0.99
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_targets_out_of_reach_are_empty(name: str, rng: np.random.Generator) -> None:
     _, chain = load(name)
@@ -314,6 +332,11 @@ def test_wrong_by_half_a_turn_is_wrong(rng: np.random.Generator) -> None:
     half = rotation_about([0.0, 0.6, 0.8], np.pi)
     assert is_at(chain, q, chain.forward(q)).all()
     assert not is_at(chain, q, chain.forward(q) @ compose(half, np.zeros(3))).any()
+
+
+def test_half_a_turn_is_an_error_of_half_a_turn() -> None:
+    pose, turned = np.eye(4)[:3].T[..., None], np.diag([1.0, -1.0, -1.0, 1.0])[:3].T[..., None]
+    assert np.linalg.norm(pose_error(pose, turned)) == pytest.approx(np.pi)
 
 
 def test_redundant_arms_get_a_spread_of_configurations(rng: np.random.Generator) -> None:
@@ -458,6 +481,14 @@ def test_redundant_arms_take_the_shortest_steps(rng: np.random.Generator) -> Non
     for jacobian, step in zip(chain.jacobian(q), path[0] - q, strict=True):
         idle = np.linalg.svd(jacobian)[2][-1]
         assert abs(idle @ step) < 0.02 * np.linalg.norm(step)
+
+
+def test_redundant_arms_go_on_when_a_joint_stands_at_its_limit(rng: np.random.Generator) -> None:
+    _, chain = load("hrp5p")
+    q = chain.random(rng, 200)
+    q[:, 1] = chain.upper[1]
+    _, reached = track(chain, q, straight(chain, q, steps=10, length=0.02, rng=rng))
+    assert (reached == 10).mean() > 0.9
 
 
 def test_lines_that_do_not_fit_are_refused() -> None:
