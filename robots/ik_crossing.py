@@ -83,8 +83,8 @@ class CrossingArm:
 
     def _starts(self, moved: Array) -> tuple[Array, Rows]:
         """Configurations (m, 6) close to solutions, and their targets (m,)."""
-        seen = self._seen(moved)
-        coarse = self._branch(*seen, self.samples, _SIGNS[:, None, None, None], _SIGNS[:, None, None])
+        wrist, pitch = self._seen(moved)
+        coarse = self._branch(wrist, pitch, self.samples, _SIGNS[:, None, None, None], _SIGNS[:, None, None])
         change, _, doubtful = _scan(coarse.residual, coarse.margin)
         *sides, target, k = np.nonzero(change | doubtful)
 
@@ -92,13 +92,13 @@ class CrossingArm:
         elbow, shoulder = _SIGNS[sides]
         step = (self.samples[1] - self.samples[0]) / _FINER
         near = self.samples[k][:, None] + step * np.arange(_FINER + 1)
-        fine = self._branch(*(part[target] for part in seen), near, elbow[:, None], shoulder[:, None])
+        fine = self._branch(wrist[target], pitch[target], near, elbow[:, None], shoulder[:, None])
         change, place, doubtful = _scan(fine.residual, fine.margin)
         row, k = np.nonzero(change | doubtful)
         q5 = near[row, k] + step * place[row, k]
 
         target, elbow, shoulder = target[row], elbow[row, None], shoulder[row, None]
-        branch = self._branch(*(part[target] for part in seen), q5[:, None], elbow, shoulder)
+        branch = self._branch(wrist[target], pitch[target], q5[:, None], elbow, shoulder)
         return self._closed(moved[target], branch, q5), target
 
     def _seen(self, moved: Array) -> tuple[Array, Array]:
