@@ -17,18 +17,23 @@ from ompl import geometric as og
 from ompl import util as ou
 from scipy.spatial.transform import Rotation
 
-from ..errors import BlockedError, NoPathError, StartInCollisionError, UnreachableLineError
-from ..transforms import Array, checked_poses, compose, pose_distance
+from ..errors import BlockedError, NoPathError, PlanningError, StartInCollisionError, UnreachableLineError
+from ..transforms import Array, checked_poses, compose, pose_distance, rotation_angle
 from .collision import Pair, StateChecker
+from .robot import Arm
 from .scene import Scene
 from .state import SceneState
 from .sweep import Sweep
+from .trajectory import Trajectory, time_path
 
 FREE_STEP = 5e-3  # m between two checks of a free motion
 LINEAR_STEP = 1e-3  # m between two checks of a straight motion, and of closing fingers
 SEARCH_STEP = 0.1  # rad (norm over the joints) between two checks of the search
 MOST_CHECKS = 40_000  # states that one search may check
+_PATH_SHARE = 0.5  # of a line's tolerance; the rest is for the timing of the path
 _SHORTCUTS = 60
+_CORNER_CUTS = (0.1, 0.02, 4e-3, 0.0)  # rad
+_LINE_CUTS = (5e-4, 1e-4, 2e-5)  # rad
 _ROUNDS = 4
 
 ou.setLogLevel(ou.LogLevel.LOG_NONE)
@@ -152,18 +157,66 @@ def plan_linear(
     length, angle = (float(value) for value in pose_distance(*ends))
     count = int(np.ceil(max(length / _LINE_STEP.position, angle / _LINE_STEP.angle, 1.0)))
     for _ in range(_ROUNDS):
-        joints, reached = mounted.track(state.q[mounted.indices], _on_line(ends, count), state.openings.get(arm, 0.0))
+        joints, reached = mounted.track(
+            state.q[mounted.indices], _on_line(ends, np.linspace(0.0, 1.0, count + 1)), state.openings.get(arm, 0.0)
+        )
         if reached <= count:
             raise UnreachableLineError(arm, length * max(reached - 1, 0) / count, length)
         between = mounted.chain.forward((joints[1:] + joints[:-1]) / 2.0) @ tip_from_hand
-        shifts, turns = pose_distance(between, _on_line(ends, 2 * count)[1::2])
-        if (shifts <= allowed.position).all() and (turns <= allowed.angle).all():
+        if _within(between, ends, allowed, _PATH_SHARE):
             path = np.tile(state.q, (count + 1, 1))
             path[:, mounted.indices] = joints
             check_path(scene, state, path, [arm], LINEAR_STEP, {arm, *working})
             return path
         count *= 2
     raise UnreachableLineError(arm, 0.0, length)
+
+
+def time_motion(
+    scene: Scene,
+    state: SceneState,
+    path: Array,
+    arms: Sequence[str],
+    *,
+    speed: float = 1.0,
+    line: LineTolerance | None = None,
+    working: Collection[str] = (),
+) -> Trajectory:
+    """A trajectory along ``path``, within the robot's limits, checked again on the curve that it is.
+
+    Corners are cut by less and less until the curve is free (and, for a straight motion, on its line).
+
+    Args:
+        scene: The scene.
+        state: The state in which the arms move.
+        path: Waypoints (k, nq) as `plan_motion` and `plan_linear` return them.
+        arms: The arms that move.
+        speed: Share of the velocity limits to use, in (0, 1].
+        line: For a straight motion of one arm, how far it may leave the line between its ends.
+        working: Arms whose hands need keep no margins.
+
+    Raises:
+        BlockedError: The curve touches something however closely it follows the path.
+        UnreachableLineError: The curve leaves the line however closely it follows the path.
+    """
+    robot = scene.robot
+    step = FREE_STEP if line is None else LINEAR_STEP
+    fault: PlanningError = NoPathError("no curve was tried")
+    for deviation in _CORNER_CUTS if line is None else _LINE_CUTS:
+        trajectory = time_path(
+            path, robot.joint_names, robot.velocity, robot.acceleration, speed=speed, max_deviation=deviation
+        )
+        curve = trajectory.sample(_between(trajectory.times))
+        if line is not None and not _on_its_line(robot.arm(arms[0]), state, path, curve, line):
+            fault = UnreachableLineError(arms[0], 0.0, 0.0)
+            continue
+        try:
+            check_path(scene, state, curve, arms, step, working)
+        except BlockedError as error:
+            fault = error
+        else:
+            return trajectory
+    raise fault
 
 
 def plan_grip(scene: Scene, state: SceneState, arm: str, opening: float) -> Array:
@@ -257,9 +310,32 @@ def _first_blocked(checker: StateChecker, path: Array) -> int | None:
     return next((i for i, q in enumerate(path) if not checker.free(q)), None)
 
 
-def _on_line(ends: Array, count: int) -> Array:
-    """Poses (count + 1, 4, 4) evenly spaced on the straight line between the two poses ``ends`` (2, 4, 4)."""
-    shares = np.linspace(0.0, 1.0, count + 1)[:, None]
+def _on_line(ends: Array, shares: Array) -> Array:
+    """Poses (n, 4, 4) on the straight line between the two poses ``ends`` (2, 4, 4), at ``shares`` (n,) of it."""
     turn = Rotation.from_matrix(ends[0, :3, :3].T @ ends[1, :3, :3]).as_rotvec()
-    turned = ends[0, :3, :3] @ Rotation.from_rotvec(shares * turn).as_matrix()
-    return compose(turned, ends[0, :3, 3] + shares * (ends[1, :3, 3] - ends[0, :3, 3]))
+    turned = ends[0, :3, :3] @ Rotation.from_rotvec(shares[:, None] * turn).as_matrix()
+    return compose(turned, ends[0, :3, 3] + shares[:, None] * (ends[1, :3, 3] - ends[0, :3, 3]))
+
+
+def _on_its_line(arm: Arm, state: SceneState, path: Array, curve: Array, line: LineTolerance) -> bool:
+    """Whether the hand keeps the line between the ends of ``path`` (k, nq) all along ``curve`` (n, nq)."""
+    tip_from_hand = arm.flange_from_hand(state.openings.get(arm.name, 0.0))[0]
+    ends = arm.chain.forward(path[[0, -1]][:, arm.indices]) @ tip_from_hand
+    return _within(arm.chain.forward(curve[:, arm.indices]) @ tip_from_hand, ends, line, 1.0)
+
+
+def _between(times: Array) -> Array:
+    """``times`` (k,) with three more between each two."""
+    knots = np.arange(len(times))
+    return np.interp(np.linspace(0, len(times) - 1, 4 * (len(times) - 1) + 1), knots, times)
+
+
+def _within(hands: Array, ends: Array, allowed: LineTolerance, share: float) -> bool:
+    """Whether poses (n, 4, 4) lie on the line between ``ends`` (2, 4, 4), but for a ``share`` of what is allowed."""
+    way, turn = ends[1, :3, 3] - ends[0, :3, 3], float(pose_distance(*ends)[1])
+    if np.linalg.norm(way) > allowed.position:
+        shares = (hands[:, :3, 3] - ends[0, :3, 3]) @ way / (way @ way)
+    else:
+        shares = rotation_angle(ends[0, :3, :3].T @ hands[:, :3, :3]) / max(turn, allowed.angle)
+    shifts, turns = pose_distance(hands, _on_line(ends, np.clip(shares, 0.0, 1.0)))
+    return bool((shifts <= share * allowed.position).all() and (turns <= share * allowed.angle).all())
