@@ -178,8 +178,9 @@ def _distinct(chain: Chain, q: Array, target: Rows) -> tuple[Array, Rows]:
     turn = np.where(chain.prismatic, np.inf, _TURN)
     kept = np.ones(len(q), dtype=bool)
     for lag in range(1, int(np.bincount(target, minlength=1).max())):
-        difference = np.abs(q[lag:] - q[:-lag])
-        difference = np.minimum(difference, turn - difference)
-        same = (target[lag:] == target[:-lag]) & (difference < tolerance).all(axis=1)
-        kept[lag:] &= ~(same & kept[:-lag])
+        (row,) = np.nonzero(target[lag:] == target[:-lag])
+        for joint in range(chain.dof):
+            difference = np.abs(q[row + lag, joint] - q[row, joint])
+            row = row[np.minimum(difference, turn[joint] - difference) < tolerance]
+        kept[row[kept[row]] + lag] = False
     return q[kept], target[kept]
