@@ -1,5 +1,5 @@
 # ruff: noqa: E402 (the number of threads must be set before NumPy is imported)
-"""Inverse kinematics in figures: ``python tests/bench/bench_ik.py`` prints Markdown tables, median CPU times, one thread."""
+"""Inverse kinematics in figures: ``python tests/bench/bench_ik.py`` prints tables, median CPU times on one thread."""
 
 from __future__ import annotations
 
