@@ -16,14 +16,17 @@ from ..errors import InputError
 from ..transforms import Array
 
 _STILL = 1e-9  # rad: less is no motion
-_NO_BLEND = 1e-6  # rad: corners to be cut by less are stopped at
-_THINNING = 0.2  # share of the deviation that goes into leaving out waypoints; the rest cuts corners
+_NO_BLEND = 1e-6  # rad: where corners may be cut by less, the motion stops at them
+_THINNING = 0.3  # share of the deviation spent on leaving out waypoints; the rest cuts corners
 _LONGEST_BLEND = 0.45  # share of a leg that the blend at one of its ends may take
-_BLEND_STEPS = 4
-_SHORTEST = 0.01  # share of a straight piece's time that one of its three phases must last to be kept
-_ROUNDING = 1.0 + 1e-6
+_BLEND_STEPS = 4  # pieces of a blend between legs at right angles
+_SHORTEST_PHASE = 1e-4  # s, or a hundredth of its straight's time
+_ROUNDING = 1.0 + 1e-5
+_TINY = 1e-300  # keeps quotients finite that nothing uses
+_TIME_ROUNDING = 1e-9  # s
 _JOIN_TOLERANCE = 1e-6  # rad, rad/s
 
+_log = logging.getLogger(__name__)
 logging.getLogger("toppra").setLevel(logging.CRITICAL)  # its failures are handled here
 
 
@@ -74,8 +77,7 @@ class Trajectory:
         Raises:
             InputError: A time outside the trajectory.
         """
-        t = self._within(t)
-        return self._curve()(t) if len(self.times) > 1 else np.repeat(self.positions, len(t), axis=0)
+        return self._at(t, order=0)
 
     def velocity(self, t: npt.ArrayLike) -> Array:
         """Velocities (m, n) at times ``t`` (m,) [s].
@@ -83,8 +85,7 @@ class Trajectory:
         Raises:
             InputError: A time outside the trajectory.
         """
-        t = self._within(t)
-        return self._curve()(t, 1) if len(self.times) > 1 else np.repeat(self.velocities, len(t), axis=0)
+        return self._at(t, order=1)
 
     def peak_velocity(self) -> Array:
         """Largest speed (n,) of each joint [rad/s], exact: at samples and where the acceleration crosses zero."""
@@ -93,11 +94,13 @@ class Trajectory:
         # v(t) = v0 + a0 t + (a1 - a0) t^2 / (2 T) is a0^2 T / (2 (a0 - a1)) beyond v0 where it turns.
         span = np.diff(self.times)[:, None]
         turned = self.velocities[:-1] + start**2 * span / (2.0 * np.where(crosses, start - end, 1.0))
-        return np.concatenate([np.abs(self.velocities), np.where(crosses, np.abs(turned), 0.0)]).max(axis=0)
+        peaks: Array = np.concatenate([np.abs(self.velocities), np.where(crosses, np.abs(turned), 0.0)]).max(axis=0)
+        return peaks
 
     def peak_acceleration(self) -> Array:
         """Largest acceleration (n,) of each joint [rad/s^2], exact: it is linear between samples."""
-        return np.abs(np.concatenate(self._accelerations())).max(axis=0, initial=0.0)
+        peaks: Array = np.abs(np.concatenate(self._accelerations())).max(axis=0, initial=0.0)
+        return peaks
 
     def slowed(self, factor: float) -> Trajectory:
         """The same curve in ``factor`` times the time."""
@@ -126,8 +129,15 @@ class Trajectory:
             np.concatenate([self.velocities, other.velocities[1:]]),
         )
 
-    def _curve(self) -> CubicHermiteSpline:
-        return CubicHermiteSpline(self.times, self.positions, self.velocities)
+    def _at(self, t: npt.ArrayLike, order: int) -> Array:
+        t = _finite("time", t, 1)
+        if np.any(t < -_TIME_ROUNDING) or np.any(t > self.duration + _TIME_ROUNDING):
+            raise InputError("time", "it lies outside the trajectory", f"give times from 0 to {self.duration:.3f} s")
+        if len(self.times) == 1:
+            return np.repeat((self.positions, self.velocities)[order], len(t), axis=0)
+        curve = CubicHermiteSpline(self.times, self.positions, self.velocities)
+        values: Array = curve(np.clip(t, 0.0, self.duration), order)
+        return values
 
     def _accelerations(self) -> tuple[Array, Array]:
         """Accelerations (k - 1, n) at the start and the end of each segment."""
@@ -135,12 +145,6 @@ class Trajectory:
         mean = np.diff(self.positions, axis=0) / span
         first, second = self.velocities[:-1], self.velocities[1:]
         return (6.0 * mean - 4.0 * first - 2.0 * second) / span, (2.0 * first + 4.0 * second - 6.0 * mean) / span
-
-    def _within(self, t: npt.ArrayLike) -> Array:
-        t = _finite("time", t, 1)
-        if np.any(t < -_STILL) or np.any(t > self.duration + _STILL):
-            raise InputError("time", "it lies outside the trajectory", f"give times from 0 to {self.duration:.3f} s")
-        return np.clip(t, 0.0, self.duration)
 
 
 def time_path(
@@ -152,11 +156,11 @@ def time_path(
     speed: float = 1.0,
     max_deviation: float = 0.02,
 ) -> Trajectory:
-    """The fastest motion found along a polyline of waypoints, from rest to rest, within the limits.
+    """A fast motion along a polyline of waypoints, from rest to rest, within the limits.
 
-    Corners become parabolic blends, through which the motion need not stop; TOPP-RA (Pham and Pham, 2018) then finds
-    the speed along straights and blends. Velocity and acceleration are measured on the resulting curve, and it is
-    slowed by what they exceed the limits.
+    Corners become parabolic blends, through which the motion need not stop, and TOPP-RA (Pham and Pham, 2018) finds the
+    speed along straights and blends. Velocity and acceleration are then measured on the resulting curve, and the motion
+    is slowed by as much as they exceed the limits.
 
     Args:
         q: Waypoints (k, n) [rad or m]. The motion starts at the first and ends at the last, and passes near the others.
@@ -165,19 +169,19 @@ def time_path(
         acceleration: Acceleration limits (n,) [rad/s^2 or m/s^2].
         speed: Share of the velocity limits to use, in (0, 1]. The motion is the one at full speed, slowed down as a
             whole: half the speed takes twice the time on the same curve, with a quarter of the accelerations.
-        max_deviation: Farthest that any joint leaves the polyline [rad or m]. Halving it lowers the speed at corners by
-            a third; at 0 the motion stops at every corner.
+        max_deviation: How far each joint may be from the polyline, and any waypoint from the curve [rad or m]. Halving
+            it lowers the speed at corners by a third; at 0 the motion stops at every corner.
 
     Returns:
-        The timed motion; one sample if nothing moves.
+        The timed motion, never slower than stopping at every corner; one sample if nothing moves.
 
     Raises:
         InputError: Wrong shapes, numbers that are not finite, limits that are not positive, a speed outside (0, 1].
     """
     names = tuple(joint_names)
     waypoints = _finite("path", q, 2)
-    if not len(waypoints) or waypoints.shape[1] != len(names):
-        raise InputError("path", f"shape {waypoints.shape}", f"give at least one waypoint of {len(names)} joints")
+    if not waypoints.size or waypoints.shape[1] != len(names):
+        raise InputError("path", f"shape {waypoints.shape}", f"give at least one waypoint (k, {len(names)})")
     velocity = _limits("velocity limits", velocity, len(names))
     acceleration = _limits("acceleration limits", acceleration, len(names))
     if not 0.0 < speed <= 1.0:
@@ -187,18 +191,26 @@ def time_path(
 
     corners = _simplified(waypoints, max(_THINNING * max_deviation, _STILL))
     travel = np.abs(np.diff(corners, axis=0)).sum(axis=0)
-    if len(corners) == 1 or travel.max() < _STILL:
+    if travel.max() < _STILL:
         return Trajectory.dwell(names, waypoints[0], 0.0)
     # No joint gets faster than by speeding up over half of its way: this keeps the numbers of tiny motions near 1.
     reachable = np.minimum(velocity, np.sqrt(acceleration * np.maximum(travel, _STILL)))
-    path = _blended(corners, reachable, (1.0 - _THINNING) * max_deviation)
-    speeds = _squared_speeds(path, acceleration)
-    if speeds is None:
-        path = _blended(corners, reachable, 0.0)
-        speeds = np.zeros(len(path.lengths) + 1)
-    timed = _run(path, speeds, acceleration, names, corners[-1])
-    excess = max((timed.peak_velocity() / velocity).max(), np.sqrt((timed.peak_acceleration() / acceleration).max()))
-    return timed.slowed(max(excess, 1.0) * _ROUNDING / speed)
+
+    def motion(path: _Path, squared_speeds: Array) -> Trajectory:
+        run = _run(path, squared_speeds, acceleration, names, corners[-1])
+        stretch = max((run.peak_velocity() / velocity).max(), np.sqrt((run.peak_acceleration() / acceleration).max()))
+        return run.slowed(max(stretch, 1.0) * _ROUNDING / speed)
+
+    polyline = _blended(corners, reachable, 0.0)
+    stopping = motion(polyline, np.zeros(len(polyline.lengths) + 1))
+    blended = _blended(corners, reachable, (1.0 - _THINNING) * max_deviation)
+    if blended.straight.all():
+        return stopping
+    squared_speeds = _squared_speeds(blended, acceleration)
+    if squared_speeds is None:
+        _log.warning("TOPP-RA found no speeds along %d waypoints: the motion stops at each", len(corners))
+        return stopping
+    return min(motion(blended, squared_speeds), stopping, key=lambda run: run.duration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +240,7 @@ def _simplified(q: Array, tolerance: float) -> Array:
     while open_chords:
         first, last = open_chords.pop()
         chord, between = q[last] - q[first], q[first + 1 : last] - q[first]
-        along = np.clip(between @ chord / max(chord @ chord, 1e-300), 0.0, 1.0)
+        along = np.clip(between @ chord / max(chord @ chord, _TINY), 0.0, 1.0)
         distance = np.linalg.norm(between - along[:, None] * chord, axis=1)
         if distance.max(initial=0.0) > tolerance:
             farthest = first + 1 + int(distance.argmax())
@@ -240,25 +252,29 @@ def _simplified(q: Array, tolerance: float) -> Array:
 def _blended(corners: Array, velocity: Array, deviation: float) -> _Path:
     """The polyline at full speed, with a parabolic blend at each inner corner that stays within ``deviation``.
 
-    A blend that starts and ends at s = r from its corner, with a turn of the tangent by c, cuts the corner by c r / 4.
+    A blend from s = r before a corner to r after it, where the tangent turns by c, passes the corner at c r / 4.
     """
     way = np.diff(corners, axis=0)
     duration = (np.abs(way) / velocity).max(axis=1)
     tangent = way / duration[:, None]
     turn = np.diff(tangent, axis=0)
+    sharpness = np.linalg.norm(turn, axis=1) / np.linalg.norm(tangent[:-1], axis=1)
+    steps = np.clip(np.ceil(_BLEND_STEPS * sharpness), 1, _BLEND_STEPS)
     reach = np.zeros(len(corners))
     if deviation > _NO_BLEND:
-        # The Hermite curve leaves a quadratic piece by at most a quarter of the cut over the steps squared.
-        cut = deviation / (1.0 + 0.25 / _BLEND_STEPS**2)
-        tightest = 4.0 * cut / np.maximum(np.abs(turn).max(axis=1), 1e-300)
+        # Where the speed changes, a Hermite curve leaves a quadratic piece by up to a quarter of the cut / steps^2.
+        cut = deviation / (1.0 + 0.25 / steps**2)
+        tightest = 4.0 * cut / np.maximum(np.abs(turn).max(axis=1), _TINY)
         reach[1:-1] = np.minimum(tightest, _LONGEST_BLEND * np.minimum(duration[:-1], duration[1:]))
-    span = 2.0 * reach[1:, None]
-    bend = np.divide(np.pad(turn, ((0, 1), (0, 0))), span, out=np.zeros_like(way), where=span > 0.0)[:, None]
-    s = (span * np.arange(_BLEND_STEPS) / _BLEND_STEPS)[..., None]
-    into = tangent[:, None]
+
+    # Per leg: its straight, then the steps of the blend at its end; the last leg has none.
+    turn, steps, span = np.pad(turn, ((0, 1), (0, 0))), np.append(steps, 1.0)[:, None], 2.0 * reach[1:, None]
+    bend = np.divide(turn, span, out=np.zeros_like(way), where=span > 0.0)[:, None]
+    step = np.arange(_BLEND_STEPS)
+    s, into = (span * step / steps)[..., None], tangent[:, None]
     straight = corners[:-1] + tangent * reach[:-1, None]
     blend = corners[1:, None] + into * (s - reach[1:, None, None]) + 0.5 * bend * s**2
-    lengths = np.column_stack([duration - reach[:-1] - reach[1:], np.repeat(span / _BLEND_STEPS, _BLEND_STEPS, axis=1)])
+    lengths = np.column_stack([duration - reach[:-1] - reach[1:], np.where(step < steps, span / steps, 0.0)])
     present = lengths > 0.0
     return _Path(
         lengths=lengths[present],
@@ -275,15 +291,11 @@ def _squared_speeds(path: _Path, acceleration: Array) -> Array | None:
     Along a piece the path acceleration u is constant and q''(s) too, so that q'(s) u + q''(s) x is linear in s: to keep
     the acceleration limits at both ends of the piece keeps them on all of it. Velocities keep theirs while x <= 1.
     """
-    if path.straight.all():  # no blends: at rest at every corner
-        return np.zeros(len(path.lengths) + 1)
     # Heavy (it draws): who reads or checks a timed motion must not wait for it.
     from toppra.algorithm import TOPPRA
     from toppra.constraint import LinearConstraint
 
     class AccelerationLimits(LinearConstraint):
-        identical = True
-
         def compute_constraint_params(self, path: Any, gridpoints: Any) -> tuple[Any, ...]:
             return limits
 
@@ -308,14 +320,15 @@ def _run(path: _Path, x: Array, acceleration: Array, joint_names: tuple[str, ...
     Along a straight the speed rises with full acceleration, stays at the most the limits allow, and falls.
     """
     first, last, length, straight = x[:-1], x[1:], path.lengths, path.straight
-    slope = 2.0 / (np.abs(path.tangents) / acceleration).max(axis=1)  # of x along a straight, at full acceleration
+    hardest = (np.abs(path.tangents) / acceleration).max(axis=1)
+    slope = 2.0 / np.maximum(hardest, _TINY)  # of x along a straight, at full acceleration
     top = np.clip(0.5 * (first + last + slope * length), np.maximum(first, last), 1.0)
     phases = np.column_stack([np.zeros_like(length), (top - first) / slope, length - (top - last) / slope, length])
     speeds = np.sqrt(np.column_stack([first, top, top, last]))
-    times = 2.0 * np.diff(phases) / np.maximum(speeds[:, :-1] + speeds[:, 1:], 1e-300)
+    times = 2.0 * np.diff(phases) / np.maximum(speeds[:, :-1] + speeds[:, 1:], _TINY)
     # A phase too brief is left out: fewer samples, and lower accelerations.
-    long = times > _SHORTEST * times.sum(axis=1, keepdims=True)
-    kept = np.column_stack([np.ones_like(straight), straight & long[:, 0], straight & long[:, 1] & long[:, 2]])
+    rises, stays, falls = (times > np.minimum(_SHORTEST_PHASE, 0.01 * times.sum(axis=1, keepdims=True))).T
+    kept = np.column_stack([np.ones_like(straight), straight & rises & (stays | falls), straight & stays & falls])
 
     offset, speed = phases[:, :3][kept], np.append(speeds[:, :3][kept], speeds[-1, 3])
     piece = np.nonzero(kept)[0]
@@ -327,9 +340,16 @@ def _run(path: _Path, x: Array, acceleration: Array, joint_names: tuple[str, ...
 
 def _finite(place: str, values: npt.ArrayLike, dimensions: int) -> Array:
     """A copy of ``values`` that nobody changes."""
-    array = np.array(values, dtype=float)
-    if array.ndim != dimensions or not np.isfinite(array).all():
-        raise InputError(place, f"shape {array.shape}, or a number that is not finite", f"give {dimensions} dimensions")
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            place, f"no array of numbers ({error})", f"give numbers in {dimensions} dimension(s)"
+        ) from error
+    if array.ndim != dimensions:
+        raise InputError(place, f"shape {array.shape}", f"give {dimensions} dimension(s)")
+    if not np.isfinite(array).all():
+        raise InputError(place, "a number is not finite", "give finite numbers")
     array.setflags(write=False)
     return array
 
