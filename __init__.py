@@ -18,22 +18,25 @@ if TYPE_CHECKING:
     from .robots.motion import plan_grip as plan_grip
     from .robots.motion import plan_linear as plan_linear
     from .robots.motion import plan_motion as plan_motion
+    from .robots.motion import time_motion as time_motion
     from .robots.robot import Robot as Robot
     from .robots.scene import Scene as Scene
     from .robots.state import Body as Body
     from .robots.state import Contact as Contact
     from .robots.state import Margins as Margins
     from .robots.state import SceneState as SceneState
+    from .robots.trajectory import Trajectory as Trajectory
     from .transforms import pose as pose
 
 _HOMES = {
     "errors": ("InputError", "KumitateError", "PlanningError"),
     "robots.hand": ("Hand",),
     "robots.library": ("load_hand", "load_robot"),
-    "robots.motion": ("plan_grip", "plan_linear", "plan_motion"),
+    "robots.motion": ("plan_grip", "plan_linear", "plan_motion", "time_motion"),
     "robots.robot": ("Robot",),
     "robots.scene": ("Scene",),
     "robots.state": ("Body", "Contact", "Margins", "SceneState"),
+    "robots.trajectory": ("Trajectory",),
     "transforms": ("pose",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

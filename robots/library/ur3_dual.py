@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi
+from math import pi, remainder
 
 from .dual_arm import AXES, SIDES, DualArm
 from .urdf import ORIGIN, Joint, Link, Robot, Vector, box, cylinder, mesh
@@ -27,14 +27,15 @@ _SEGMENTS: list[tuple[str, str, str, str, Vector, Vector, str, float]] = [
     ("wrist_3", "wrist_3", "wrist3", "grey", (0, 0, 0.08535), ORIGIN, "y", 3.2),
 ]
 _COUPLING = 0.0484
-# Hands point straight down at (0.3, +-0.3, 1.3), closing along x.
-_HOME = (0.3931, 2.2624, 1.1967, 0.8875, 2.2829, -0.5299)
+# Hands point straight down at (0.3, +-0.3, 1.25), closing along x; of the eight branches the one nearest to most grasps
+# from above.
+_HOME = (0.5071, -2.2525, -2.2206, -0.6908, -2.2374, -0.6655)
 
 
 def _mirrored(angles: Sequence[float]) -> list[float]:
     """The right arm's angles that put its hand at the mirror image of the left one; the arms are both alike."""
     q1, q2, q3, q4, q5, q6 = angles
-    return [-q1, pi - q2, -q3, pi - q4, -q5, -q6]
+    return [-q1, remainder(pi - q2, 2 * pi), -q3, remainder(pi - q4, 2 * pi), -q5, -q6]
 
 
 def ur3_dual() -> DualArm:
