@@ -292,6 +292,7 @@ def test_densely_sampled_curves_take_about_the_time_of_the_optimum_on_their_spli
     for max_deviation in (1e-4, 1e-3, 1e-2):
         motion = time_path(path, NAMES, VELOCITY, ACCELERATION, max_deviation=max_deviation)
         assert 0.96 * optimum < motion.duration < 1.1 * optimum
+        assert within_limits(motion)
     assert len(motion.times) < 200
 
 
