@@ -1,0 +1,132 @@
+"""Grasp sets: indexing, thinning, and files that say what is wrong with them."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kumitate.errors import InputError
+from kumitate.grasping.grasps import GraspSet
+from kumitate.grasping.planner import plan_grasps
+from kumitate.robots.library import load_hand
+
+
+@pytest.fixture(scope="module")
+def grasps(block) -> GraspSet:
+    return plan_grasps(block, load_hand("robotiq_2f85"))
+
+
+def same(a: GraspSet, b: GraspSet) -> bool:
+    names = (
+        "part_from_hand",
+        "opening",
+        "approach_opening",
+        "contacts",
+        "normals",
+        "facets",
+        "force",
+        "margin",
+        "quality",
+    )
+    return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in names) and (a.part, a.hand) == (b.part, b.hand)
+
+
+def test_indexing_by_mask_indices_and_slice_agree(grasps):
+    chosen = np.arange(len(grasps)) % 3 == 0
+    assert same(grasps[chosen], grasps[np.flatnonzero(chosen)])
+    assert same(grasps[chosen], grasps[::3])
+    assert same(grasps[:0].joined(grasps), grasps)
+
+
+def test_arrays_are_read_only(grasps):
+    with pytest.raises(ValueError, match="read-only"):
+        grasps.opening[0] = 0.0
+
+
+def test_thinning_keeps_the_best_and_spreads(grasps):
+    few = grasps.thin(30)
+    assert len(few) == 30
+    assert few.quality[0] == grasps.quality.max()
+    assert np.all(np.diff(few.quality) <= 0.0)
+
+    def cover(some):
+        """Farthest that a grasp of the whole set lies from a kept one, in position and in approach direction."""
+        far = np.linalg.norm(grasps.part_from_hand[:, None, :3, 3] - some.part_from_hand[None, :, :3, 3], axis=-1)
+        turned = grasps.part_from_hand[:, :3, 2] @ some.part_from_hand[:, :3, 2].T
+        return far.min(axis=1).max(), np.arccos(np.clip(turned.max(axis=1).min(), -1.0, 1.0))
+
+    best = grasps[:30]
+    assert cover(few)[0] < cover(best)[0]
+    assert cover(few)[1] <= np.radians(46.0)
+    assert few.quality.mean() > 0.5 * grasps.quality.mean()
+    assert same(grasps.thin(len(grasps) + 1), grasps)
+    assert len(grasps[:0].thin(5)) == 0
+
+
+def test_a_file_gives_back_what_was_saved(grasps, tmp_path):
+    grasps.save(tmp_path / "g.npz")
+    loaded = GraspSet.load(tmp_path / "g.npz")
+    assert same(loaded, grasps)
+    assert loaded.record == grasps.record
+    assert loaded.key == grasps.key
+    empty = grasps[:0]
+    empty.save(tmp_path / "e.npz")
+    assert same(GraspSet.load(tmp_path / "e.npz"), empty)
+
+
+def rewritten(path, **changes):
+    """The file with some arrays replaced, or left out where None."""
+    with np.load(path) as file:
+        arrays = {**{name: file[name] for name in file.files}, **changes}
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+
+def header(path, **changes):
+    with np.load(path) as file:
+        return np.array(json.dumps({**json.loads(str(file["header"][()])), **changes}))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda p, g: p.unlink(), "no such file"),
+        (lambda p, g: p.write_bytes(b""), "no grasp set"),
+        (lambda p, g: p.write_bytes(p.read_bytes()[:2000]), "no grasp set"),
+        (lambda p, g: p.write_bytes(pickle.dumps({"opening": 1})), "no grasp set"),
+        (lambda p, g: np.save(p.open("wb"), g.opening), "no grasp set"),
+        (lambda p, g: rewritten(p, opening=None), "no grasp set"),
+        (lambda p, g: rewritten(p, opening=np.array([{}], dtype=object)), "no grasp set"),
+        (lambda p, g: rewritten(p, header=np.array("{")), "no grasp set"),
+        (lambda p, g: rewritten(p, header=header(p, format=99)), "format 99"),
+        (lambda p, g: rewritten(p, header=header(p, record=[{"name": "x"}])), "no grasp set"),
+        (lambda p, g: rewritten(p, opening=g.opening[:-1]), "opening: shape"),
+        (lambda p, g: rewritten(p, quality=np.full(len(g), np.nan)), "quality"),
+        (lambda p, g: rewritten(p, part_from_hand=2.0 * g.part_from_hand), "no rigid pose"),
+        (lambda p, g: rewritten(p, normals=2.0 * g.normals), "unit length"),
+        (lambda p, g: rewritten(p, approach_opening=g.opening - 1e-3), "approach opening"),
+        (lambda p, g: rewritten(p, facets=g.facets.astype(float)), "facets"),
+    ],
+)
+def test_a_malformed_file_is_refused_with_the_reason(grasps, tmp_path, spoil, words):
+    path = tmp_path / "g.npz"
+    grasps.save(path)
+    spoil(path, grasps)
+    with pytest.raises(InputError, match=words) as error:
+        GraspSet.load(path)
+    assert "g.npz" in str(error.value)
+
+
+def test_nothing_is_pickled(grasps, tmp_path):
+    grasps.save(tmp_path / "g.npz")
+    with np.load(io.BytesIO((tmp_path / "g.npz").read_bytes()), allow_pickle=False) as file:
+        assert all(file[name].dtype.kind in "fiU" for name in file.files)
+
+
+def test_a_set_that_is_no_set_is_refused(grasps):
+    with pytest.raises(InputError, match="give an array of shape"):
+        replace(grasps, contacts=grasps.contacts[:, 0])
