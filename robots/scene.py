@@ -45,7 +45,8 @@ class Scene:
             InputError: Two things have the same name.
         """
         listed = list(bodies)
-        taken = [link.name for link in robot.links] + list(robot.arms) + [body.name for body in listed]
+        pieces = [f"{arm}/{piece.name}" for arm, hand in robot.hands.items() for piece in hand.pieces]
+        taken = [link.name for link in robot.links] + pieces + list(robot.arms) + [body.name for body in listed]
         double = [name for i, name in enumerate(taken) if name in taken[:i] and name in {b.name for b in listed}]
         if double:
             raise InputError("scene", f"the name {double[0]!r} is taken", "give every body a name of its own")

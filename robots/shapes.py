@@ -66,7 +66,7 @@ class Shape:
         points = transform_points(self_from_other, other.probes)
         low, high = self.mesh.bounds
         inside = points[((points > low) & (points < high)).all(axis=1)]
-        return len(inside) > 0 and bool((winding_number(self.mesh, inside) > 0.5).any())
+        return len(inside) > 0 and bool((np.abs(winding_number(self.mesh, inside)) > 0.5).any())
 
 
 def winding_number(mesh: trimesh.Trimesh, points: Array) -> Array:

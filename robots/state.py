@@ -52,7 +52,8 @@ class Body(Rigid):
 class Contact:
     """Two bodies that touch on purpose.
 
-    They may touch only so far that they are apart once the second has moved by the contact tolerance along ``normal``.
+    They may touch only so far that they are apart once the second has moved by the contact tolerance along ``normal``;
+    with several contacts (in a corner), by the shortest way that goes so far along each normal.
 
     Attributes:
         first: A part or obstacle.
