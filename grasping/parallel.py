@@ -21,6 +21,7 @@ from .softfinger import eccentricity, stability_margin
 from .touch import first_touch
 
 _VERTICAL = 0.95  # cosine from which a closing axis counts as vertical
+TOUCHING = ("hand clear of the part", "hand touches the part")  # why the check drops a hand
 FLUSH = 1e-6  # m; what rises less than this above a contact does not hold a pad off
 _NARROWER = (0.75, 0.5, 0.25)  # approach openings tried below fully open, as shares of what is left to open
 
@@ -208,8 +209,12 @@ def finish(
     candidates: Candidates,
     standing: Stand,
     parameters: GraspParameters,
+    *,
+    colliding: bool,
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """The last two steps of both planners: the whole hand against the part, then stability (IV.B, lines 15 to 22).
+
+    With ``colliding`` the hands that touch the part go on, in place of those that do not.
 
     Returns:
         The grasps, the best first and without a record, and the stages ``"hand collision"`` and ``"stability"``.
@@ -219,10 +224,9 @@ def finish(
     origin = candidates.ends(pairs).mean(axis=1) + 0.5 * (off[:, 1] - off[:, 0])[:, None] * candidates.closing
     part_from_hand = compose(candidates.rotation, origin)
     hits, approach_opening = whole_hand(body, hand, part_from_hand, standing.opening, parameters.contact_tolerance)
-    free = np.flatnonzero(~hits)
-    collision = Stage(
-        "hand collision", len(hits), len(free), {"hand touches the part": int(hits.sum())}, process_time() - started
-    )
+    free = np.flatnonzero(hits == colliding)
+    dropped = {TOUCHING[not colliding]: len(hits) - len(free)}
+    collision = Stage("hand collision", len(hits), len(free), dropped, process_time() - started)
 
     started = process_time()
     margin = holding_margin(part, hand, facets, pairs, parameters)[candidates.pair]

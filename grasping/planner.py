@@ -21,13 +21,16 @@ from .twofinger import plan_two_finger
 _PLANNERS = {"suction": plan_suction, "two_finger": plan_two_finger, "three_finger": plan_three_finger}
 
 
-def plan_grasps(part: Part, hand: Hand, parameters: GraspParameters | None = None) -> GraspSet:
+def plan_grasps(
+    part: Part, hand: Hand, parameters: GraspParameters | None = None, *, colliding: bool = False
+) -> GraspSet:
     """Plan the grasps of a part by a hand.
 
     Args:
         part: The part.
         hand: A suction cup, or a parallel gripper with two or three fingers.
         parameters: The paper's parameters; its defaults unless given.
+        colliding: For pictures: give what the check of the whole hand drops, in place of what it keeps.
 
     Returns:
         The grasps, the best first; ``record`` has one row for each stage. The set is empty where nothing holds the
@@ -38,6 +41,6 @@ def plan_grasps(part: Part, hand: Hand, parameters: GraspParameters | None = Non
     facets = segment(part, parameters.theta_pln, parameters.theta_fct)
     segmentation = Stage("segmentation", len(part.mesh.faces), len(facets), {}, process_time() - started)
     contacts, sampling = sample_contacts(part, facets, parameters)
-    grasps, planning = _PLANNERS[hand.kind](part, facets, contacts, hand, parameters)
+    grasps, planning = _PLANNERS[hand.kind](part, facets, contacts, hand, parameters, colliding=colliding)
     best_first = grasps[np.argsort(-grasps.quality, kind="stable")]
     return replace(best_first, record=(segmentation, *sampling, *planning))

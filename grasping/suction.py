@@ -15,7 +15,7 @@ from .collision import HandCollision, Mask
 from .contacts import Contacts, boundary_distance
 from .facets import Facets
 from .grasps import GraspSet
-from .parallel import quality
+from .parallel import TOUCHING, quality
 from .parameters import GraspParameters
 from .part import Part
 from .record import Stage
@@ -26,7 +26,13 @@ _VERTICAL = 0.95
 
 
 def plan_suction(
-    part: Part, facets: Facets, contacts: Contacts, hand: Hand, parameters: GraspParameters
+    part: Part,
+    facets: Facets,
+    contacts: Contacts,
+    hand: Hand,
+    parameters: GraspParameters,
+    *,
+    colliding: bool = False,
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """Grasps of a suction cup: where its lip seals, turned about the normal, free of the part, held against gravity.
 
@@ -52,8 +58,8 @@ def plan_suction(
     off_the_part = compose(rotation, part_from_hand[:, :3, 3] + parameters.contact_tolerance * outward)
     openings = np.zeros(len(contact))
     hits = HandCollision(part, hand).hand_hits(off_the_part @ invert(hand.base_from_hand(openings)), openings)
-    free = np.flatnonzero(~hits)
-    dropped = {"hand touches the part": int(hits.sum())}
+    free = np.flatnonzero(hits == colliding)
+    dropped = {TOUCHING[not colliding]: len(hits) - len(free)}
     collision = Stage("hand collision", len(hits), len(free), dropped, process_time() - started)
 
     started = process_time()

@@ -20,7 +20,13 @@ from .record import Stage
 
 
 def plan_three_finger(
-    part: Part, facets: Facets, contacts: Contacts, hand: Hand, parameters: GraspParameters
+    part: Part,
+    facets: Facets,
+    contacts: Contacts,
+    hand: Hand,
+    parameters: GraspParameters,
+    *,
+    colliding: bool = False,
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """Grasps of one finger against two, which close as one; either side may take either contact (section IV.C).
 
@@ -56,7 +62,9 @@ def plan_three_finger(
         "opening outside the stroke": int(misfit.sum()),
     }
     pads = Stage("pad standing", len(left), int(good.sum()), dropped, process_time() - started)
-    grasps, last = finish(part, hand, body, facets, pairs, left.take(good), standing.take(good), parameters)
+    grasps, last = finish(
+        part, hand, body, facets, pairs, left.take(good), standing.take(good), parameters, colliding=colliding
+    )
     return grasps, (*record, stroke, pads, *last)
 
 

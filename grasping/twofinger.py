@@ -20,7 +20,13 @@ from .record import Stage
 
 
 def plan_two_finger(
-    part: Part, facets: Facets, contacts: Contacts, hand: Hand, parameters: GraspParameters
+    part: Part,
+    facets: Facets,
+    contacts: Contacts,
+    hand: Hand,
+    parameters: GraspParameters,
+    *,
+    colliding: bool = False,
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """Grasps of a two-finger parallel gripper: contact pairs, then nested checks from cheap to dear (section IV.B).
 
@@ -43,7 +49,7 @@ def plan_two_finger(
     pads = Stage("pad standing", len(candidates), int(good.sum()), dropped, process_time() - started)
 
     candidates, standing = candidates.take(good), standing.take(good)
-    grasps, last = finish(part, hand, body, facets, pairs, candidates, standing, parameters)
+    grasps, last = finish(part, hand, body, facets, pairs, candidates, standing, parameters, colliding=colliding)
     record = (*record, stroke, pads, *last)
     if same_turned:
         started = process_time()

@@ -1,0 +1,1 @@
+"""Top floor: what users meet, from quantities and command line to pictures."""

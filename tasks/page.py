@@ -1,0 +1,121 @@
+"""One HTML file with meshcat's viewer inside: it opens in a browser, offline and without a server."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import uuid
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import meshcat
+import meshcat.geometry as shapes
+import numpy as np
+import numpy.typing as npt
+import umsgpack
+
+from ..transforms import Array
+
+Command = dict[str, Any]
+_PAGE = """<!DOCTYPE html>
+<html><head><meta charset="utf-8"><title>{title}</title><style>
+body {{ margin: 0; font: 14px/1.5 system-ui, sans-serif; color: #222; }}
+#view {{ position: absolute; inset: 0; overflow: hidden; }}
+#panel {{ position: absolute; top: 12px; left: 12px; max-width: 34em; max-height: calc(100vh - 48px); overflow: auto;
+  padding: 10px 14px; background: #ffffffe6; border-radius: 6px; box-shadow: 0 1px 6px #0004; }}
+#panel h1 {{ font-size: 16px; margin: 0 0 6px; }} #panel table {{ border-collapse: collapse; }}
+#panel td, #panel th {{ padding: 0 8px 0 0; text-align: right; font-variant-numeric: tabular-nums; }}
+#panel td:first-child, #panel td:last-child {{ text-align: left; }} #panel label {{ display: block; }}
+</style></head><body><div id="view"></div><div id="panel">{panel}</div>
+<script>{viewer}</script><script>
+const viewer = new MeshCat.Viewer(document.getElementById("view"));
+viewer.gui.domElement.style.display = "none";
+const show = (path, value) => viewer.handle_command(
+  {{type: "set_property", path: "/meshcat/" + path, property: "visible", value: value}});
+(async () => {{
+  const packed = Uint8Array.from(atob("{commands}"), c => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const sizes = new DataView(bytes.buffer);
+  for (let at = 0; at < bytes.length;) {{
+    const size = sizes.getUint32(at, true);
+    viewer.handle_command_bytearray(bytes.slice(at + 4, at + 4 + size));
+    at += 4 + size;
+  }}
+  for (const box of document.querySelectorAll("input[data-path]")) {{
+    box.onchange = () => show(box.dataset.path, box.checked);
+    box.onchange();
+  }}
+  window.pageReady = true;
+}})();
+</script></body></html>
+"""
+
+
+def write_page(path: str | Path, title: str, panel: str, commands: Sequence[Command]) -> None:
+    """Write the page.
+
+    Args:
+        path: The HTML file.
+        title: Title of the page, as HTML text.
+        panel: HTML beside the scene; an ``<input type="checkbox" data-path="hands">`` shows and hides that path.
+        commands: meshcat commands, in order.
+    """
+    packed = [umsgpack.packb(command) for command in commands]
+    stream = b"".join(len(data).to_bytes(4, "little") + data for data in packed)
+    encoded = base64.b64encode(gzip.compress(stream, mtime=0)).decode()
+    viewer = files(meshcat).joinpath("viewer/dist/main.min.js").read_text(encoding="utf-8")
+    viewer = viewer.replace("</script", "<\\/script")
+    page = _PAGE.format(title=title, panel=panel, viewer=viewer, commands=encoded)
+    Path(path).write_text(page, encoding="utf-8")
+
+
+def mesh_geometry(vertices: Array, faces: npt.NDArray[np.int64]) -> Command:
+    """Triangles with flat shading."""
+    corners = np.asarray(vertices)[np.asarray(faces).ravel()]
+    return _lowered(shapes.TriangularMeshGeometry(corners, np.arange(len(corners)).reshape(-1, 3)))
+
+
+def point_geometry(points: Array) -> Command:
+    """Points, or ends of line segments two by two (n, 3)."""
+    return _lowered(shapes.PointsGeometry(np.asarray(points, dtype=np.float32).T))
+
+
+def material(color: int, *, opacity: float = 1.0, kind: str = "MeshPhongMaterial", **more: Any) -> Command:
+    """A material of three.js."""
+    see_through = {"transparent": opacity < 1.0, "opacity": opacity, "depthWrite": opacity >= 1.0}
+    return {"uuid": str(uuid.uuid4()), "type": kind, "color": color, "side": 2, **see_through, **more}
+
+
+def group(path: str, items: Sequence[tuple[str, Command, Command, Array]]) -> Command:
+    """The command that puts items at a path, each (three.js class, geometry, material, pose (4, 4)).
+
+    Items may share geometries and materials: each is sent once, so that a thousand hands cost a thousand poses.
+    """
+    geometries = {geometry["uuid"]: geometry for _, geometry, _, _ in items}
+    materials = {used["uuid"]: used for _, _, used, _ in items}
+    children = [
+        {
+            "uuid": str(uuid.uuid4()),
+            "type": kind,
+            "geometry": geometry["uuid"],
+            "material": used["uuid"],
+            "matrix": [float(x) for x in np.asarray(pose).T.ravel()],
+        }
+        for kind, geometry, used, pose in items
+    ]
+    body = {"uuid": str(uuid.uuid4()), "type": "Group", "matrix": np.eye(4).ravel().tolist(), "children": children}
+    content = {
+        "metadata": {"version": 4.5, "type": "Object"},
+        "geometries": list(geometries.values()),
+        "materials": list(materials.values()),
+        "object": body,
+    }
+    return {"type": "set_object", "path": f"/meshcat/{path}", "object": content}
+
+
+def _lowered(geometry: Any) -> Command:
+    lowered: Command = geometry.lower({})
+    return lowered
