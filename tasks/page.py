@@ -22,9 +22,8 @@ Command = dict[str, Any]
 _PAGE = """<!DOCTYPE html>
 <html><head><meta charset="utf-8"><title>{title}</title><style>
 body {{ margin: 0; font: 14px/1.5 system-ui, sans-serif; color: #222; }}
-#view {{ position: absolute; inset: 0; overflow: hidden; }}
-#panel {{ position: absolute; top: 12px; left: 12px; max-width: 34em; max-height: calc(100vh - 48px); overflow: auto;
-  padding: 10px 14px; background: #ffffffe6; border-radius: 6px; box-shadow: 0 1px 6px #0004; }}
+#view {{ position: absolute; inset: 0 0 0 33em; overflow: hidden; }}
+#panel {{ position: absolute; inset: 0 auto 0 0; width: 31em; overflow: auto; padding: 10px 1em; }}
 #panel h1 {{ font-size: 16px; margin: 0 0 6px; }} #panel table {{ border-collapse: collapse; }}
 #panel td, #panel th {{ padding: 0 8px 0 0; text-align: right; font-variant-numeric: tabular-nums; }}
 #panel td:first-child, #panel td:last-child {{ text-align: left; }} #panel label {{ display: block; }}
@@ -73,14 +72,19 @@ def write_page(path: str | Path, title: str, panel: str, commands: Sequence[Comm
 
 
 def mesh_geometry(vertices: Array, faces: npt.NDArray[np.int64]) -> Command:
-    """Triangles with flat shading."""
-    corners = np.asarray(vertices)[np.asarray(faces).ravel()]
-    return _lowered(shapes.TriangularMeshGeometry(corners, np.arange(len(corners)).reshape(-1, 3)))
+    """Triangles with flat shading: each has its own corners and their normals."""
+    corners = np.asarray(vertices)[np.asarray(faces)]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
+    lowered = point_geometry(corners.reshape(-1, 3))
+    lowered["data"]["attributes"]["normal"] = shapes.pack_numpy_array(np.repeat(normals, 3, axis=0).T)
+    return lowered
 
 
 def point_geometry(points: Array) -> Command:
     """Points, or ends of line segments two by two (n, 3)."""
-    return _lowered(shapes.PointsGeometry(np.asarray(points, dtype=np.float32).T))
+    lowered: Command = shapes.PointsGeometry(np.asarray(points, dtype=np.float32).T).lower({})
+    return lowered
 
 
 def material(color: int, *, opacity: float = 1.0, kind: str = "MeshPhongMaterial", **more: Any) -> Command:
@@ -114,8 +118,3 @@ def group(path: str, items: Sequence[tuple[str, Command, Command, Array]]) -> Co
         "object": body,
     }
     return {"type": "set_object", "path": f"/meshcat/{path}", "object": content}
-
-
-def _lowered(geometry: Any) -> Command:
-    lowered: Command = geometry.lower({})
-    return lowered

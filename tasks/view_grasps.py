@@ -1,4 +1,4 @@
-"""A page that shows how grasps came about: facets, contacts, pairs and hands (paper, the figures of sections III to V)."""
+"""A page that shows how grasps came about: facets, contacts, pairs and hands, as the paper's figures do."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from ..robots.hand import Hand
 from ..transforms import Array
 from .page import Command, group, material, mesh_geometry, point_geometry, write_page
 
-_MOST_HANDS = 150  # a spread of the best; more hide each other
-_APART = 0.04  # how far facets are drawn apart, as a share of the part's diagonal
+_MOST_HANDS = 24  # a spread of the best; more hide each other
+_APART = 0.3  # how far facets are drawn apart, as a share of the part's diagonal
+_HAND = 0.35  # m; how far the camera stands back to see hands too
 _WHITE, _RED, _GREY, _BLUE, _GREEN = 0xF4F4F4, 0xD62728, 0x9AA4AD, 0x1F6FEB, 0x2CA02C
 
 
@@ -56,7 +57,7 @@ def write_grasp_page(path: str | Path, part: Part, hand: Hand, parameters: Grasp
         for name, label, checked, _ in layers
     )
     title = html.escape(f"{part.name} grasped by {hand.name}")
-    commands = [group(name, items) for name, _, _, items in layers] + _camera(part)
+    commands = [group(name, items) for name, _, _, items in layers] + _stage(part)
     write_page(path, title, f"<h1>{title}</h1>{boxes}{_table(grasps.record)}", commands)
 
 
@@ -75,25 +76,25 @@ def _facet_items(part: Part, facets: Facets) -> list[tuple[str, Command, Command
 
 def _hand_items(hand: Hand, grasps: GraspSet, color: int) -> list[tuple[str, Command, Command, Array]]:
     pieces = [mesh_geometry(piece.mesh.vertices, piece.mesh.faces) for piece in hand.pieces]
-    skin = material(color, opacity=0.35)
+    skin = material(color, opacity=0.5)
     poses = grasps.part_from_hand[:, None] @ hand.hand_from_piece(grasps.opening)
     return [("Mesh", piece, skin, pose) for row in poses for piece, pose in zip(pieces, row, strict=True)]
 
 
-def _camera(part: Part) -> list[Command]:
-    """Look at the part from the front, above and right; three.js has y up."""
-    x, y, z = part.mesh.bounds.mean(axis=0)
-    target = [float(x), float(z), float(-y)]
-    far = 2.2 * _diagonal(part)
-    eye = [target[0] + 0.7 * far, target[1] + 0.5 * far, target[2] + 0.7 * far]
-    hidden = [
-        {"type": "set_property", "path": path, "property": "visible", "value": False} for path in ("/Grid", "/Axes")
+def _stage(part: Part) -> list[Command]:
+    """The part in the middle of a plain white scene, seen from the front, above and right."""
+    centered = np.eye(4)
+    centered[:3, 3] = -part.mesh.bounds.mean(axis=0)
+    far = 1.2 * _diagonal(part) + _HAND
+    settings = [
+        ("/Cameras/default/rotated/<object>", "position", [0.55 * far, 0.55 * far, 0.65 * far]),
+        ("/Grid", "visible", False),
+        ("/Axes", "visible", False),
+        ("/Background", "top_color", [1.0, 1.0, 1.0]),
+        ("/Background", "bottom_color", [0.85, 0.87, 0.9]),
     ]
-    return [
-        {"type": "set_target", "value": target},
-        {"type": "set_property", "path": "/Cameras/default/rotated/<object>", "property": "position", "value": eye},
-        *hidden,
-    ]
+    moved: list[Command] = [{"type": "set_transform", "path": "/meshcat", "matrix": centered.T.ravel().tolist()}]
+    return moved + [{"type": "set_property", "path": p, "property": k, "value": v} for p, k, v in settings]
 
 
 def _diagonal(part: Part) -> float:
