@@ -225,9 +225,10 @@ def _hull_volume(points: Array) -> float:
 
 
 def _thickened(points: Array) -> Array:
-    """``points``, doubled and moved apart by 2 micrometres where they lie in a plane or on a line."""
-    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    extent = np.ptp((points - points.mean(axis=0)) @ axes.T, axis=0)
-    for axis in axes[extent < _FLAT]:
+    """``points``, doubled and moved apart by 2 micrometres where they lie in a plane, on a line or in a point."""
+    centred = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    extent = np.ptp(centred @ axes, axis=0)
+    for axis in axes.T[extent < _FLAT]:
         points = np.concatenate([points - _FLAT * axis, points + _FLAT * axis])
     return points

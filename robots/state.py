@@ -44,7 +44,13 @@ class Body(Rigid):
 
     @classmethod
     def box(cls, name: str, size: Sequence[float], fixed: bool = False) -> Body:
-        """A box of ``size`` (3,) [m] about its own origin."""
+        """A box of ``size`` (3,) [m] about its own origin.
+
+        Raises:
+            InputError: A side is not above zero.
+        """
+        if np.shape(size) != (3,) or not (np.asarray(size) > 0.0).all():
+            raise InputError(f"box {name}", f"sides {size}", "give three lengths above 0 m")
         return cls.of(name, shapes.box(size), fixed)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..transforms import Array, transform_points
+from .chain import Chain
 from .scene import Scene
 from .state import SceneState
 
@@ -16,11 +17,11 @@ _SAFETY = 0.9
 
 @dataclass(frozen=True, eq=False)
 class _ArmPoints:
-    """Points that an arm moves: ``points[i]`` (k, 3) in the frame of its joint i, and how far joint i swings any."""
+    """Points that an arm moves: ``points[i]`` (k, 3) in the frame of its joint i; bounds on |d2p / dqi dqj| of any."""
 
     arm: str
     points: tuple[Array, ...]
-    reach: Array
+    curvature: Array
 
 
 class Sweep:
@@ -59,12 +60,11 @@ class Sweep:
             path = _split(path, np.where(bounds <= step, 1, parts))
 
     def _deviations(self, steps: Array) -> Array:
-        """How far (k,) a point may leave its chord for joint motions ``steps`` (k, nq): |d2p/dqi dqj| <= reach."""
+        """How far (k,) a point may leave its chord for joint motions ``steps`` (k, nq)."""
         worst = np.zeros(len(steps))
         for entry in self._arms:
             turns = steps[:, self._robot.arms[entry.arm].indices]
-            outer = np.minimum.outer(entry.reach, entry.reach)
-            worst = np.maximum(worst, np.einsum("ki,ij,kj->k", turns, outer, turns) / 8.0)
+            worst = np.maximum(worst, np.einsum("ki,ij,kj->k", turns, entry.curvature, turns) / 8.0)
         return worst
 
 
@@ -84,17 +84,24 @@ def _arm_points(scene: Scene, state: SceneState, name: str) -> _ArmPoints:
         if carrier == name:
             carried[arm.flange_joint].append(transform_points(arm.joint_from_flange @ pose, body.corners))
     points = tuple(np.concatenate(carried[joint] or [np.zeros((1, 3))]) for joint in chain_joints)
-    return _ArmPoints(name, points, _reach(arm.chain.placements, points))
+    return _ArmPoints(name, points, _curvature(arm.chain, points))
 
 
-def _reach(placements: Array, points: Sequence[Array]) -> Array:
-    """For each joint, a bound on the distance of any point beyond it: the links in a line, then the farthest point."""
-    reach, beyond = np.zeros(len(points)), 0.0
-    for i in range(len(points) - 1, -1, -1):
+def _curvature(chain: Chain, points: Sequence[Array]) -> Array:
+    """Bounds (dof, dof) on the length of d2p / dqi dqj of any point p, for joints i up to j.
+
+    It is the motion of p by joint j, a slide of 1 or a turn at the distance of p, turned by joint i; 0 if that slides.
+    """
+    reach, beyond = np.zeros(chain.dof), 0.0
+    slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
+    for i in range(chain.dof - 1, -1, -1):
         beyond = max(float(np.linalg.norm(points[i], axis=1).max()), beyond)
         reach[i] = beyond
-        beyond += float(np.linalg.norm(placements[i, :3, 3]))
-    return reach
+        beyond += float(np.linalg.norm(chain.placements[i, :3, 3])) + float(slides[i])
+    order = np.arange(chain.dof)
+    earlier, later = np.minimum.outer(order, order), np.maximum.outer(order, order)
+    bounds: Array = np.where(chain.prismatic[earlier], 0.0, np.where(chain.prismatic, 1.0, reach)[later])
+    return bounds
 
 
 def _split(path: Array, parts: np.ndarray) -> Array:
