@@ -12,6 +12,11 @@ if TYPE_CHECKING:
     from .errors import InputError as InputError
     from .errors import KumitateError as KumitateError
     from .errors import PlanningError as PlanningError
+    from .grasping.grasps import GraspSet as GraspSet
+    from .grasping.parameters import GraspParameters as GraspParameters
+    from .grasping.part import Part as Part
+    from .grasping.planner import plan_grasps as plan_grasps
+    from .grasping.store import cached_grasps as cached_grasps
     from .robots.hand import Hand as Hand
     from .robots.library import load_hand as load_hand
     from .robots.library import load_robot as load_robot
@@ -30,6 +35,11 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "errors": ("InputError", "KumitateError", "PlanningError"),
+    "grasping.grasps": ("GraspSet",),
+    "grasping.parameters": ("GraspParameters",),
+    "grasping.part": ("Part",),
+    "grasping.planner": ("plan_grasps",),
+    "grasping.store": ("cached_grasps",),
     "robots.hand": ("Hand",),
     "robots.library": ("load_hand", "load_robot"),
     "robots.motion": ("plan_grip", "plan_linear", "plan_motion", "time_motion"),

@@ -64,9 +64,11 @@ def first_touch(
         least, most = local.min(axis=0), local.max(axis=0)
         over = np.abs(least[:2] + most[:2]) <= 2.0 * half[:, None] + most[:2] - least[:2]
         over = over.all(axis=0) & (most[2] >= floor)
-        low, high = _heights_in_rectangle(local[:, :, over], half)
-        met = (high >= floor) & (low <= reach[face[over]])
-        np.maximum.at(touch, face[over][met], high[met])
+        face, low, high = face[over], least[2, over], most[2, over]
+        within = (np.maximum(-least[:2, over], most[:2, over]) <= half[:, None]).all(axis=0)
+        low[~within], high[~within] = _heights_in_rectangle(local[:, :, np.flatnonzero(over)[~within]], half)
+        met = (high >= floor) & (low <= reach[face])
+        np.maximum.at(touch, face[met], high[met])
     return touch
 
 
