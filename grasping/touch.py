@@ -97,6 +97,7 @@ def _triangles_around(
     center = mesh.triangles_center.view(np.ndarray)
     extent = np.linalg.norm(mesh.triangles - center[:, None], axis=-1).max(axis=-1)
     square = np.einsum("ti,ti->t", center, center)
+    corners = np.ascontiguousarray(np.swapaxes(mesh.triangles.view(np.ndarray), 0, 1))
     anchor_height = np.einsum("gi,gi->g", anchor, outward)
     found = []
     step = max(1, _CHUNK // max(len(center), 1))
@@ -107,7 +108,7 @@ def _triangles_around(
         apart = square - 2.0 * np.einsum("gi,ti->gt", anchor[some], center) - height**2 - (radius + extent) ** 2
         near &= apart <= -np.einsum("gi,gi->g", anchor[some], anchor[some])[:, None]
         owner, triangle = np.nonzero(near)
-        top = np.einsum("tvi,ti->tv", mesh.triangles.view(np.ndarray)[triangle], outward[some][owner]).max(axis=-1)
+        top = np.einsum("vti,ti->vt", corners[:, triangle], outward[some][owner]).max(axis=0)
         high = top - anchor_height[some][owner] >= floor
         found.append((start + owner[high], triangle[high]))
     owner, triangle = (np.concatenate(column) for column in zip(*found, strict=True))
@@ -139,14 +140,15 @@ def _heights_in_rectangle(triangles: Array, half: Array) -> tuple[Array, Array]:
             low = np.where(enter <= leave, np.minimum(low, height), low)
             high = np.where(enter <= leave, np.maximum(high, height), high)
 
-    (ux, uy, uz), (vx, vy, vz) = triangles[1] - triangles[0], triangles[2] - triangles[0]
-    slant_x, slant_y, area = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    flat = np.abs(area) > _TINY
-    for corner in _CORNERS * half:
-        x, y = np.moveaxis(corner[:, None] - triangles[:, :2], 1, 0)
-        turn = x * np.roll(y, -1, axis=0) - y * np.roll(x, -1, axis=0)
-        covered = flat & ((turn.min(axis=0) >= 0.0) | (turn.max(axis=0) <= 0.0))
-        height = triangles[0, 2] - (slant_x * x[0] + slant_y * y[0]) / np.where(flat, area, 1.0)
-        low = np.where(covered, np.minimum(low, height), low)
-        high = np.where(covered, np.maximum(high, height), high)
+    least, most = triangles[:, :2].min(axis=0), triangles[:, :2].max(axis=0)
+    for corner in _CORNERS * sides[:, 0]:
+        around = np.flatnonzero(((least <= corner[:, None]) & (corner[:, None] <= most)).all(axis=0))
+        near = triangles[:, :, around]
+        x, y = np.moveaxis(corner[:, None] - near[:, :2], 1, 0)
+        weight = np.roll(x, -1, axis=0) * np.roll(y, -2, axis=0) - np.roll(y, -1, axis=0) * np.roll(x, -2, axis=0)
+        area = weight.sum(axis=0)
+        covered = (np.abs(area) > _TINY) & ((weight.min(axis=0) >= 0.0) | (weight.max(axis=0) <= 0.0))
+        height = (weight * near[:, 2]).sum(axis=0)[covered] / area[covered]
+        low[around[covered]] = np.minimum(low[around[covered]], height)
+        high[around[covered]] = np.maximum(high[around[covered]], height)
     return low, high

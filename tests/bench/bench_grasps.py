@@ -110,9 +110,8 @@ def other_hands_table() -> None:
         ("ttube", "hrp5p_three_finger", three, 2.0),
         ("ttube", "hrp5p_three_finger, contact 4 mm from the tip", replace(three, contact_depth=0.004), 2.0),
     ]
-    print(
-        "\n### other hands\n\n| object | hand | grasps | s | at most | stages: kept (dropped) |\n|---|---|---|---|---|---|"
-    )
+    print("\n### other hands\n\n| object | hand | grasps | s | at most | stages: kept (dropped) |")
+    print("|---|---|---|---|---|---|")
     for name, label, hand, limit in cases:
         seconds, grasps = timed(load(name), hand)
         stages = "; ".join(f"{s.name} {s.kept} {dict(s.dropped) or ''}".strip() for s in grasps.record[3:])
