@@ -6,6 +6,7 @@ import json
 import zipfile
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -88,11 +89,13 @@ class GraspSet:
 
     def __getitem__(self, chosen: npt.NDArray[np.int64] | npt.NDArray[np.bool_] | slice) -> GraspSet:
         """The chosen grasps: a mask, indices or a slice."""
-        return replace(self, **{name: getattr(self, name)[chosen] for name in _ARRAYS})
+        arrays: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _ARRAYS}
+        return replace(self, **arrays)
 
     def joined(self, other: GraspSet) -> GraspSet:
         """These grasps, then the other's; names and record are kept."""
-        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _ARRAYS})
+        arrays: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in _ARRAYS}
+        return replace(self, **arrays)
 
     def thin(self, n: int) -> GraspSet:
         """At most n grasps that are good and spread over position and approach direction, the best of all first.
@@ -132,11 +135,11 @@ class GraspSet:
         try:
             with np.load(path, allow_pickle=False) as file:
                 header = json.loads(str(file["header"][()]))
-                arrays = {name: file[name] for name in _ARRAYS}
+                arrays: dict[str, Any] = {name: file[name] for name in _ARRAYS}
             if header["format"] != FORMAT:
                 raise InputError(path, f"format {header['format']}, and this version reads {FORMAT}", cure)
             record = tuple(Stage(**row) for row in header["record"])
-            names = {name: str(header[name]) for name in ("part", "hand", "key")}
+            names: dict[str, Any] = {name: str(header[name]) for name in ("part", "hand", "key")}
         except FileNotFoundError as error:
             raise InputError(path, "there is no such file", "check the path") from error
         except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:

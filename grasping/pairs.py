@@ -46,7 +46,7 @@ class ContactPairs:
     @property
     def width(self) -> Array:
         """(n,) distance between the two points [m]."""
-        return np.linalg.norm(self.points[:, 1] - self.points[:, 0], axis=-1)
+        return np.asarray(np.linalg.norm(self.points[:, 1] - self.points[:, 0], axis=-1))
 
     @property
     def axis(self) -> Array:
@@ -96,7 +96,7 @@ def find_pairs(
 
 
 def _angle(a: Array, b: Array) -> Array:
-    return np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0))
+    return np.asarray(np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0)))
 
 
 def _most_opposing_facet(facets: Facets, facet: Indices, face: Indices) -> tuple[Array, Indices]:

@@ -74,7 +74,7 @@ def turn_about(pairs: ContactPairs, n_da: int, both_ways: bool) -> Candidates:
     turns = rotation_about(axis[:, None], 2.0 * pi * np.arange(n_da) / n_da)
     approach = (turns @ down[:, None, :, None])[..., 0]
     shape = (len(pairs), ways, n_da)
-    swapped = np.broadcast_to(np.arange(ways, dtype=bool)[:, None], shape).ravel()
+    swapped = np.broadcast_to((np.arange(ways) == 1)[:, None], shape).ravel()
     pair = np.repeat(np.arange(len(pairs)), ways * n_da)
     return Candidates(
         pair=pair,

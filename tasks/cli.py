@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, KumitateError
 from .quantities import parse_quantity
@@ -72,8 +73,9 @@ def _grasps(options: argparse.Namespace) -> int:
     from ..robots.hand import Hand
     from ..robots.library import load_hand
 
-    given = {item.name: getattr(options, item.name) for item in fields(GraspParameters)}
-    parameters = GraspParameters(**{k: _parameter(k, text) for k, text in given.items() if text is not None})
+    given: dict[str, str | None] = {item.name: getattr(options, item.name) for item in fields(GraspParameters)}
+    numbers: dict[str, Any] = {k: _parameter(k, text) for k, text in given.items() if text is not None}
+    parameters = GraspParameters(**numbers)
     mass = None if options.mass is None else parse_quantity(options.mass, "mass", "--mass")
     density = None
     if mass is None:
