@@ -53,10 +53,10 @@ class Shape:
 
     @cached_property
     def probes(self) -> Array:
-        """One vertex (k, 3) of each connected component of the mesh."""
-        labels = trimesh.graph.connected_component_labels(self.mesh.face_adjacency, node_count=len(self.mesh.faces))
-        _, first = np.unique(labels, return_index=True)
-        return np.asarray(self.mesh.vertices[self.mesh.faces[first, 0]])
+        """The outermost vertices (k, 6, 3) along the axes, both ways, of each connected component of the mesh."""
+        parts = trimesh.graph.connected_components(self.mesh.face_adjacency, nodes=np.arange(len(self.mesh.faces)))
+        corners = [self.mesh.triangles[part].reshape(-1, 3) for part in parts]
+        return np.array([points[np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])] for points in corners])
 
     def contains(self, other: Shape, self_from_other: Array) -> bool:
         """Whether a whole component of ``other``, which does not cross this surface, lies inside it.
@@ -65,7 +65,7 @@ class Shape:
         """
         points = transform_points(self_from_other, other.probes)
         low, high = self.mesh.bounds
-        inside = points[((points > low) & (points < high)).all(axis=1)]
+        inside = points[((points > low) & (points < high)).all(axis=(1, 2)), 0]
         return len(inside) > 0 and bool((np.abs(winding_number(self.mesh, inside)) > 0.5).any())
 
 
