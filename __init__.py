@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from .grasping.part import Part as Part
     from .grasping.planner import plan_grasps as plan_grasps
     from .grasping.store import cached_grasps as cached_grasps
+    from .robots.grip import plan_grip as plan_grip
     from .robots.hand import Hand as Hand
     from .robots.library import load_hand as load_hand
     from .robots.library import load_robot as load_robot
-    from .robots.motion import plan_grip as plan_grip
-    from .robots.motion import plan_linear as plan_linear
     from .robots.motion import plan_motion as plan_motion
-    from .robots.motion import time_motion as time_motion
     from .robots.robot import Robot as Robot
     from .robots.scene import Scene as Scene
     from .robots.state import Body as Body
     from .robots.state import Contact as Contact
     from .robots.state import Margins as Margins
     from .robots.state import SceneState as SceneState
+    from .robots.straight import plan_linear as plan_linear
+    from .robots.timing import time_motion as time_motion
     from .robots.trajectory import Trajectory as Trajectory
     from .transforms import pose as pose
 
@@ -40,12 +40,15 @@ _HOMES = {
     "grasping.part": ("Part",),
     "grasping.planner": ("plan_grasps",),
     "grasping.store": ("cached_grasps",),
+    "robots.grip": ("plan_grip",),
     "robots.hand": ("Hand",),
     "robots.library": ("load_hand", "load_robot"),
-    "robots.motion": ("plan_grip", "plan_linear", "plan_motion", "time_motion"),
+    "robots.motion": ("plan_motion",),
     "robots.robot": ("Robot",),
     "robots.scene": ("Scene",),
     "robots.state": ("Body", "Contact", "Margins", "SceneState"),
+    "robots.straight": ("plan_linear",),
+    "robots.timing": ("time_motion",),
     "robots.trajectory": ("Trajectory",),
     "transforms": ("pose",),
 }

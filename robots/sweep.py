@@ -57,7 +57,7 @@ class Sweep:
             if (bounds <= step).all():
                 return path
             parts = np.maximum(np.ceil(bounds / (_SAFETY * step)), 1).astype(int)
-            path = _split(path, np.where(bounds <= step, 1, parts))
+            path = split(path, np.where(bounds <= step, 1, parts))
 
     def _deviations(self, steps: Array) -> Array:
         """How far (k,) a point may leave its chord for joint motions ``steps`` (k, nq)."""
@@ -104,7 +104,7 @@ def _curvature(chain: Chain, points: Sequence[Array]) -> Array:
     return bounds
 
 
-def _split(path: Array, parts: np.ndarray) -> Array:
+def split(path: Array, parts: np.ndarray) -> Array:
     """``path`` (k, nq) with step i cut into ``parts[i]`` equal ones."""
     step = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(step)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[step]

@@ -9,10 +9,13 @@ import pytest
 import trimesh
 
 from kumitate.errors import BlockedError, InputError, NoPathError, StartInCollisionError, UnreachableLineError
+from kumitate.robots.grip import plan_grip
 from kumitate.robots.library import load_robot
-from kumitate.robots.motion import INSERTION, LineTolerance, plan_grip, plan_linear, plan_motion, time_motion
+from kumitate.robots.motion import plan_motion
 from kumitate.robots.scene import Scene
 from kumitate.robots.state import Body, Contact
+from kumitate.robots.straight import INSERTION, LineTolerance, plan_linear
+from kumitate.robots.timing import time_motion
 from kumitate.transforms import pose, pose_distance
 
 TOP = -0.05

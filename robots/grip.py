@@ -1,0 +1,32 @@
+"""Opening and closing hands: motions too, checked on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import BlockedError
+from ..transforms import Array
+from .paths import LINEAR_STEP
+from .scene import Scene
+from .state import SceneState
+
+
+def plan_grip(scene: Scene, state: SceneState, arm: str, opening: float) -> Array:
+    """Openings (k,) from that of the hand of ``arm`` in ``state`` to ``opening`` [m], checked on the way.
+
+    No fingertip moves farther than 1 mm between two checks. Contacts of the fingers that the state allows excuse
+    touching as everywhere: within the contact tolerance.
+
+    Raises:
+        InputError: The opening lies outside the stroke, or the arm has no hand.
+        BlockedError: A finger touches something on the way.
+    """
+    scene.robot.arm(arm).flange_from_hand(opening)
+    start = state.openings[arm]
+    count = max(int(np.ceil(abs(opening - start) / LINEAR_STEP)), 1)
+    openings = np.linspace(start, opening, count + 1)
+    for i, value in enumerate(openings):
+        checker = scene.checker(state.with_opening(arm, value), {arm})
+        if not checker.free(state.q):
+            raise BlockedError(checker.touching(state.q), i / count)
+    return openings
