@@ -12,6 +12,10 @@ from ..transforms import Array
 # Sampling covers the motion of so few joints densely; a pair with more joints between stays enabled.
 _DENSELY_SAMPLED = 4
 _AT_A_LIMIT = 0.25
+# A pair with at most two joints between is also safe with less clearance than a grid of this pitch can pass over.
+_GRID = np.deg2rad(1.5)
+_GRID_CLEARANCE = 5e-3
+_TOUCH = 1e-5  # m; at zero GJK may stop early and miss a collision
 
 
 def disabled_collisions(
@@ -21,8 +25,9 @@ def disabled_collisions(
 
     Joined are links with nothing but joints between them, or rigidly connected ones ("Adjacent"). The others are
     tested in random states, a quarter of whose joints stand at a limit, where reach ends: "Always" touched in every
-    one, "Never" kept ``clearance`` in every one. Every other pair, and every pair with more than four joints between,
-    stays enabled.
+    one, "Never" kept ``clearance`` in every one. Of pairs with at most two joints between, those that kept 5 mm are
+    tested on a fine grid of these joints too, and are "Never" if they keep it there. Every other pair, and every pair
+    with more than four joints between, stays enabled.
 
     Args:
         model: The robot.
@@ -42,13 +47,18 @@ def disabled_collisions(
     reasons: dict[tuple[int, int], str] = {}
     sampled: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for first, second in combinations(links, 2):
-        between = _joints_between(model, first, second)
+        between = len(_between(model, first, second))
         joined = _nearest_ancestor(model, second, shapes) == first or _nearest_ancestor(model, first, shapes) == second
         if joined or not between:
             reasons[first, second] = "Adjacent"
         elif between <= _DENSELY_SAMPLED:
             sampled[first, second] = list(product(shapes[first], shapes[second]))
-    reasons.update(_sampled(model, geometry, sampled, _states(model, samples, seed), clearance))
+    states = _states(model, samples, seed)
+    reasons.update(_sampled(model, geometry, sampled, states, clearance))
+    near = {pair: sampled[pair] for pair in sampled if pair not in reasons and len(_between(model, *pair)) <= 2}
+    for pair in _sampled(model, geometry, near, states[: samples // 10], _GRID_CLEARANCE):
+        grid = _grid(model, _between(model, *pair))
+        reasons.update(_sampled(model, geometry, {pair: near[pair]}, grid, _GRID_CLEARANCE))
     name = [frame.name for frame in model.frames]
     return [(name[a], name[b], reasons[a, b]) for a, b in sorted(reasons)]
 
@@ -96,7 +106,7 @@ def _sampled(
     always, never = set(pairs), set(pairs)
     for q in states:
         pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
-        always -= {pair for pair in sorted(always) if not within(pair, 0.0)}
+        always -= {pair for pair in sorted(always) if not within(pair, _TOUCH)}
         never -= {pair for pair in sorted(never) if within(pair, clearance)}
     return dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
 
@@ -117,7 +127,20 @@ def _nearest_ancestor(model: pin.Model, link: int, shapes: dict[int, list[int]])
     return None
 
 
-def _joints_between(model: pin.Model, first: int, second: int) -> int:
-    """Number of moving joints on the way from one link to the other."""
+def _between(model: pin.Model, first: int, second: int) -> list[int]:
+    """The moving joints on the way from one link to the other."""
     a, b = (set(model.supports[model.frames[link].parentJoint]) for link in (first, second))
-    return len(a ^ b)
+    return sorted(a ^ b)
+
+
+def _grid(model: pin.Model, joints: list[int]) -> Array:
+    """Configurations (n, nq) on a grid of ``joints``, ends included, the others neutral."""
+    axes = []
+    for joint in joints:
+        at = model.joints[joint].idx_q
+        low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
+        axes.append(np.linspace(low, high, int(np.ceil((high - low) / _GRID)) + 1))
+    values = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(joints))
+    grid = np.tile(pin.neutral(model), (len(values), 1))
+    grid[:, [model.joints[joint].idx_q for joint in joints]] = values
+    return grid

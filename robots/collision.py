@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +60,12 @@ class StateChecker:
         self._mode = engine.mode(state, working)
         self.state = state
         self.static: tuple[Pair, ...] = engine.static(self._mode)
+
+    def with_clearance(self, clearance: float) -> StateChecker:
+        """This checker, asking for ``clearance`` [m] more between bodies that joints move, but none in contact."""
+        wider = copy(self)
+        wider._mode = self._engine.widened(self._mode, clearance)
+        return wider
 
     def free(self, q: Array) -> bool:
         """Whether nothing touches at configuration ``q`` (nq,)."""
@@ -174,6 +181,12 @@ class CollisionEngine:
         first, second = self._pair_array.T
         normals = self._normals(state)
         return _Mode(joints, poses, joints[first] != joints[second], self._margins(state, normals, working), normals)
+
+    def widened(self, mode: _Mode, clearance: float) -> _Mode:
+        """``mode`` with ``clearance`` [m] more to keep for pairs that joints move and that are in no contact."""
+        wider = mode.margins + np.where(mode.moving, clearance, 0.0)
+        wider[list(mode.normals)] = mode.margins[list(mode.normals)]
+        return replace(mode, margins=wider)
 
     def static(self, mode: _Mode) -> tuple[Pair, ...]:
         """Touching pairs among those that no joint can part."""

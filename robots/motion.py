@@ -19,10 +19,10 @@ from ompl import util as ou
 from ..errors import InputError, NoPathError, StartInCollisionError
 from ..transforms import Array
 from .collision import Pair, StateChecker
-from .paths import FREE_STEP, first_blocked
+from .paths import FREE_STEP, PathCheck
 from .scene import Scene
 from .state import SceneState
-from .sweep import Sweep, split
+from .sweep import split
 
 SEARCH_STEP = 0.15  # rad (norm over the joints) between two checks of the search
 MOST_CHECKS = 40_000  # states that one search may check
@@ -46,8 +46,8 @@ def plan_motion(
 ) -> Array:
     """A free motion of ``arms`` from the state's configuration to any of ``goals``.
 
-    RRT-Connect on the joints of the arms, at first near the straight way to the nearest goal and with the arms in turns,
-    shortened, then checked as `check_path` does with 5 mm; a path that fails there is searched again with finer steps.
+    RRT-Connect on the joints of the arms, at first near the straight way to the nearest goal and with the arms in
+    turns, shortened, then checked as `PathCheck` does; a path that fails there is searched again with finer steps.
 
     Args:
         scene: The scene.
@@ -79,7 +79,7 @@ def plan_motion(
     if not free_ends:
         raise StartInCollisionError("every goal", checker.touching(ends[0]))
     free_ends.sort(key=lambda q: float(np.linalg.norm(q - start)))
-    sweep = Sweep(scene, state, arms)
+    check = PathCheck(scene, state, arms, FREE_STEP)
     search = _Search(checker, start, [robot.arm(arm).indices for arm in arms], robot.lower, robot.upper)
     for attempt in range(_ROUNDS):
         step = SEARCH_STEP / 2**attempt
@@ -88,9 +88,9 @@ def plan_motion(
             raise NoPathError(f"no path within {most_checks} checked states", search.blocking())
         for share in _SHORTENING_SHARES:
             shorter = search.shortened(path, share * step, seed + attempt)
-            if first_blocked(checker, sweep.refined(shorter, FREE_STEP)) is None:
+            if check.blocked(shorter) is None:
                 return shorter
-        if first_blocked(checker, sweep.refined(path, FREE_STEP)) is None:
+        if check.blocked(path) is None:
             return path
     raise NoPathError("no path passed the fine check", search.blocking())
 

@@ -75,14 +75,19 @@ def winding_number(mesh: trimesh.Trimesh, points: Array) -> Array:
     The sum of the solid angles of the triangles over a full turn (van Oosterom and Strackee); open meshes give a
     fraction.
     """
-    corners = mesh.vertices[None] - points[:, None]
-    lengths = np.linalg.norm(corners, axis=-1)
-    (a, b, c), (la, lb, lc) = (np.moveaxis(values[:, mesh.faces], 2, 0) for values in (corners, lengths))
-    volume = np.einsum("nti,nti->nt", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("nti,nti->nt", u, v) for u, v in ((a, b), (b, c), (c, a)))
-    angles = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
-    turns: Array = angles.sum(axis=1) / (2.0 * np.pi)
-    return turns
+    corners = np.ascontiguousarray(mesh.triangles.transpose(1, 2, 0))
+    return np.array([_solid_angles(corners - point[:, None]).sum() for point in points]) / (2.0 * np.pi)
+
+
+def _solid_angles(corners: Array) -> Array:
+    """Half the solid angle (t,) of each triangle seen from the origin; ``corners`` are (3, xyz, t)."""
+    a, b, c = corners
+    la, lb, lc = np.sqrt((corners * corners).sum(axis=1))
+    volume = (
+        a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+    ab, bc, ca = (a * b).sum(axis=0), (b * c).sum(axis=0), (c * a).sum(axis=0)
+    return np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
 
 
 def box(size: Sequence[float] | Array) -> Shape:

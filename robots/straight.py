@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import UnreachableLineError
 from ..transforms import Array, checked_poses, compose, pose_distance, rotation_angle
-from .paths import LINEAR_STEP, check_path
+from .paths import LINEAR_STEP, PathCheck
 from .scene import Scene
 from .state import SceneState
 
@@ -76,7 +76,7 @@ def plan_linear(
         if on_line(between, ends, allowed, _PATH_SHARE):
             path = np.tile(state.q, (count + 1, 1))
             path[:, mounted.indices] = joints
-            check_path(scene, state, path, [arm], LINEAR_STEP, {arm, *working})
+            PathCheck(scene, state, [arm], LINEAR_STEP, {arm, *working}).require_free(path)
             return path
         count *= 2
     raise UnreachableLineError(arm, 0.0, length)

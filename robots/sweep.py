@@ -50,14 +50,18 @@ class Sweep:
         chords = np.linalg.norm(np.diff(corners, axis=0), axis=-1).max(axis=1, initial=0.0)
         return chords + self._deviations(np.abs(np.diff(path, axis=0)))
 
-    def refined(self, path: Array, step: float) -> Array:
-        """``path`` (k, nq) with configurations put between until no point moves farther than ``step`` [m] at once."""
+    def refined(self, path: Array, shares: Array, step: float) -> tuple[Array, Array]:
+        """``path`` (k, nq) with configurations put between until no point moves farther than ``step`` [m] at once.
+
+        Also ``shares`` (k,), any numbers that go with the path, put between likewise.
+        """
+        both = np.concatenate([path, shares[:, None]], axis=1)
         while True:
-            bounds = self.bounds(path)
+            bounds = self.bounds(both[:, :-1])
             if (bounds <= step).all():
-                return path
+                return both[:, :-1], both[:, -1]
             parts = np.maximum(np.ceil(bounds / (_SAFETY * step)), 1).astype(int)
-            path = split(path, np.where(bounds <= step, 1, parts))
+            both = split(both, np.where(bounds <= step, 1, parts))
 
     def _deviations(self, steps: Array) -> Array:
         """How far (k,) a point may leave its chord for joint motions ``steps`` (k, nq)."""

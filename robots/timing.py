@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import BlockedError, NoPathError, PlanningError, UnreachableLineError
 from ..transforms import Array
-from .paths import FREE_STEP, LINEAR_STEP, check_path
+from .paths import FREE_STEP, LINEAR_STEP, PathCheck
 from .robot import Arm
 from .scene import Scene
 from .state import SceneState
@@ -47,7 +47,7 @@ def time_motion(
         UnreachableLineError: The curve leaves the line however closely it follows the path.
     """
     robot = scene.robot
-    step = FREE_STEP if line is None else LINEAR_STEP
+    check = PathCheck(scene, state, arms, FREE_STEP if line is None else LINEAR_STEP, working)
     fault: PlanningError = NoPathError("no curve was tried")
     for deviation in _CORNER_CUTS if line is None else _LINE_CUTS:
         trajectory = time_path(
@@ -58,7 +58,7 @@ def time_motion(
             fault = UnreachableLineError(arms[0], 0.0, 0.0)
             continue
         try:
-            check_path(scene, state, curve, arms, step, working)
+            check.require_free(curve)
         except BlockedError as error:
             fault = error
         else:

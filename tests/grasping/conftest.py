@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import trimesh
+
 from kumitate.grasping.part import Part
 
 

@@ -8,12 +8,13 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
 from kumitate.errors import InputError
 from kumitate.grasping.contacts import boundary_distance, sample_contacts, sample_surface, thin
 from kumitate.grasping.facets import segment
 from kumitate.grasping.parameters import GraspParameters
 from kumitate.grasping.part import Part
-from scipy.spatial import cKDTree
 
 seeds = st.integers(0, 2**32 - 1)
 NAMED = ["housing", "planewheel", "ttube", "bunnysim", "sandpart"]

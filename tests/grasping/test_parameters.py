@@ -4,6 +4,7 @@ from dataclasses import fields
 from math import nan, radians
 
 import pytest
+
 from kumitate.errors import InputError
 from kumitate.grasping.parameters import GraspParameters
 

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from kumitate.errors import InputError
 from kumitate.grasping.contacts import sample_contacts
 from kumitate.grasping.facets import segment

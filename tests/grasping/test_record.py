@@ -1,6 +1,7 @@
 """The rows of the cost table add up."""
 
 import pytest
+
 from kumitate.grasping.record import Stage
 
 

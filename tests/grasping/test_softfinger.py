@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from kumitate.grasping.softfinger import GRAVITY, curvature_radius, eccentricity, stability_margin
 from scipy.integrate import quad
+
+from kumitate.grasping.softfinger import GRAVITY, curvature_radius, eccentricity, stability_margin
 
 lengths = st.floats(1e-4, 0.05)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import kumitate.robots.library
 import numpy as np
 import pinocchio as pin
 import pytest
+
+import kumitate.robots.library
 from kumitate.robots.allowed import disabled_collisions
 from kumitate.robots.library import make_models
 

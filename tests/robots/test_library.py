@@ -7,12 +7,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import coal
-import kumitate.robots.library
 import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
 import yaml
+
+import kumitate.robots.library
 from kumitate.robots.library import make_models
 
 LIBRARY = Path(kumitate.robots.library.__file__).parent

@@ -66,7 +66,8 @@ def test_refined_paths_keep_their_waypoints_and_the_step(make_mesh, rng, step):
     sweep = Sweep(scene, state, ["left", "right"])
     path = np.clip(robot.home + np.cumsum(rng.normal(size=(6, robot.model.nq)), axis=0) * 0.2, robot.lower, robot.upper)
     path[3] = path[2]
-    fine = sweep.refined(path, step)
+    fine, shares = sweep.refined(path, np.arange(len(path), dtype=float), step)
+    assert np.array_equal(fine[np.isin(shares, np.arange(len(path)))], path)
     assert (sweep.bounds(fine) <= step).all()
     places = [int(np.argmin(np.abs(fine - q).max(axis=1))) for q in path]
     assert np.array_equal(fine[places], path)
@@ -92,7 +93,7 @@ def test_a_path_that_stands_still_needs_no_more(make_mesh):
     path = np.tile(scene.robot.home, (3, 1))
     sweep = Sweep(scene, state, ["left"])
     assert (sweep.bounds(path) == 0.0).all()
-    assert np.array_equal(sweep.refined(path, 0.001), path)
+    assert np.array_equal(sweep.refined(path, np.zeros(len(path)), 0.001)[0], path)
 
 
 SLIDER = """<robot name="slider"><link name="root"/>{links}{joints}</robot>"""
