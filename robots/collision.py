@@ -153,9 +153,29 @@ class CollisionEngine:
             self._pair_of += [pair] * len(both)
         self._geometry = model
         self._geometry_data = pin.GeometryData(model)
+        self._exact, self._shapes, self._exact_members = self._exact_geometry()
+        self._exact_data = pin.GeometryData(self._exact)
         self._data = self._model.createData()
         self._manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._geometry, self._geometry_data)
         self._callback = pin.CollisionCallBackDefault(self._geometry, self._geometry_data, True)
+
+    def _exact_geometry(self) -> tuple[pin.GeometryModel, list[list[tuple[int, Array]]], list[list[int]]]:
+        """The pinocchio geometry of all exact shapes, and for each body pair its pairs of shapes."""
+        model = pin.GeometryModel()
+        shapes = []
+        for name, rigid in zip(self._names, self._rigids, strict=True):
+            objects = [
+                pin.GeometryObject(f"{name}:{i}", 0, pin.SE3.Identity(), shape.geometry)
+                for i, shape in enumerate(rigid.shapes)
+            ]
+            shapes.append([(model.addGeometryObject(o), p) for o, p in zip(objects, rigid.placements, strict=True)])
+        members = []
+        for a, b in self._pairs:
+            start = len(model.collisionPairs)
+            for (first, _), (second, _) in itertools.product(shapes[a], shapes[b]):
+                model.addCollisionPair(pin.CollisionPair(first, second))
+            members.append(list(range(start, len(model.collisionPairs))))
+        return model, shapes, members
 
     # States -----------------------------------------------------------------------------------------------------------
 
@@ -254,25 +274,29 @@ class CollisionEngine:
         old, self._current = self._current, mode
         if old is mode:
             return
-        objects = self._geometry.geometryObjects
         if old is None:
             changed = flipped = remargined = slice(None)
         else:
             changed = (mode.joints != old.joints) | (mode.poses != old.poses).any(axis=(1, 2))
             flipped, remargined = mode.moving != old.moving, mode.margins != old.margins
         for body in np.arange(len(self._names))[changed]:
-            for piece, placement in self._pieces[body]:
-                objects[piece].parentJoint = int(mode.joints[body])
-                objects[piece].placement = pin.SE3(mode.poses[body] @ placement)
+            for model, parts in ((self._geometry, self._pieces[body]), (self._exact, self._shapes[body])):
+                for part, placement in parts:
+                    model.geometryObjects[part].parentJoint = int(mode.joints[body])
+                    model.geometryObjects[part].placement = pin.SE3(mode.poses[body] @ placement)
         turn_on, turn_off = self._geometry_data.activateCollisionPair, self._geometry_data.deactivateCollisionPair
         for pair in np.arange(len(self._pairs))[flipped]:
             change = turn_on if mode.moving[pair] else turn_off
             for piece_pair in self._members[pair]:
                 change(piece_pair)
         for pair in np.arange(len(self._pairs))[remargined]:
-            for piece_pair in self._members[pair]:
-                request = self._geometry_data.collisionRequests[piece_pair]
-                request.security_margin = max(float(mode.margins[pair]), _LEAST_MARGIN)
+            margin = max(float(mode.margins[pair]), _LEAST_MARGIN)
+            for data, members in (
+                (self._geometry_data, self._members[pair]),
+                (self._exact_data, self._exact_members[pair]),
+            ):
+                for member in members:
+                    data.collisionRequests[member].security_margin = margin
         self._manager.update(True)
 
     # Exact checks -----------------------------------------------------------------------------------------------------
@@ -284,9 +308,20 @@ class CollisionEngine:
     def _moved_touch(self, mode: _Mode, pair: int) -> bool:
         """Whether two bodies whose pieces touch at the configuration just checked touch themselves."""
         a, b = self._pairs[pair]
-        if pair not in mode.normals and self._rigids[a].exact_cover and self._rigids[b].exact_cover:
-            return True
-        return self._touch(mode, pair, *(self._data.oMi[int(mode.joints[i])].homogeneous for i in (a, b)))
+        if pair not in mode.normals:
+            if self._rigids[a].exact_cover and self._rigids[b].exact_cover:
+                return True
+            pin.updateGeometryPlacements(self._model, self._data, self._exact, self._exact_data)
+            if any(pin.computeCollision(self._exact, self._exact_data, i) for i in self._exact_members[pair]):
+                return True
+        frames = [self._data.oMi[int(mode.joints[i])].homogeneous for i in (a, b)]
+        if pair in mode.normals:
+            return self._touch(mode, pair, *frames)
+        pose_a, pose_b = frames[0] @ mode.poses[a], frames[1] @ mode.poses[b]
+        a_from_b = invert(pose_a) @ pose_b
+        return self._rigids[a].encloses(self._rigids[b], a_from_b) or self._rigids[b].encloses(
+            self._rigids[a], invert(a_from_b)
+        )
 
     def _touch(self, mode: _Mode, pair: int, frame_a: Array, frame_b: Array) -> bool:
         """Whether two bodies, their joints' frames at ``frame_a`` and ``frame_b``, touch more than contacts excuse."""

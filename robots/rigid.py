@@ -7,6 +7,7 @@ from functools import cached_property
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from ..transforms import Array, invert, transform_points
@@ -72,24 +73,51 @@ class Rigid:
             self_from_other: Its pose (4, 4) in the frame of this one.
             margin: Distance to keep [m].
         """
-        centres = transform_points(self_from_other, other.balls[:, :3])
-        gaps = np.linalg.norm(self.balls[:, None, :3] - centres, axis=-1) - self.balls[:, None, 3] - other.balls[:, 3]
+        gaps = self._distances(other, self_from_other) - self.balls[:, None, 3] - other.balls[:, 3]
         for i, j in np.argwhere(gaps <= margin):
             mine, theirs = self.shapes[i], other.shapes[j]
             if _collide(mine, self.placements[i], theirs, self_from_other @ other.placements[j], margin):
                 return True
+        return self.encloses(other, self_from_other) or other.encloses(self, invert(self_from_other))
+
+    def encloses(self, other: Rigid, self_from_other: Array) -> bool:
+        """Whether something of ``other`` lies wholly inside one of the surfaces that are not filled, touching nothing.
+
+        A component can only be inside a surface if its middle is inside the surface's ball and its longest side fits.
+        """
+        if not len(self._hollow):
+            return False
+        radii, (sides, spread) = self.balls[self._hollow, None, 3], other._components
+        near = (self._distances(other, self_from_other)[self._hollow] < radii + spread) & (sides < 2.0 * radii)
+        for i, j in np.argwhere(near):
+            surface = self._hollow[i]
+            pose = invert(self.placements[surface]) @ self_from_other @ other.placements[j]
+            if self.shapes[surface].contains(other.shapes[j], pose):
+                return True
         return False
+
+    @cached_property
+    def _hollow(self) -> npt.NDArray[np.intp]:
+        return np.flatnonzero([not shape.solid for shape in self.shapes])
+
+    @cached_property
+    def _components(self) -> tuple[Array, Array]:
+        """For each shape the longest side (k,) of its smallest component, and how far (k,) components lie about [m]."""
+        sides = [np.ptp(shape.probes, axis=1).max(axis=1).min() for shape in self.shapes]
+        several = [len(shape.probes) > 1 for shape in self.shapes]
+        return np.array(sides), np.where(several, self.balls[:, 3], 0.0)
+
+    def _distances(self, other: Rigid, self_from_other: Array) -> Array:
+        """Distances (k, j) of the centres of the balls [m]."""
+        centres = transform_points(self_from_other, other.balls[:, :3])
+        return np.linalg.norm(self.balls[:, None, :3] - centres, axis=-1)
 
 
 def _collide(a: Shape, pose_a: Array, b: Shape, pose_b: Array, margin: float) -> bool:
     request = coal.CollisionRequest()
     request.security_margin = margin
     placed = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (pose_a, pose_b)]
-    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()):
-        return True
-    return (not a.solid and a.contains(b, invert(pose_a) @ pose_b)) or (
-        not b.solid and b.contains(a, invert(pose_b) @ pose_a)
-    )
+    return bool(coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()))
 
 
 def _corners(shape: Shape) -> Array:

@@ -22,8 +22,8 @@ from ..transforms import Array, transform_points
 _CYLINDER_SECTIONS = 48
 _BALL_GROWTH = 1.01
 _CONVEX_SLACK = 1e-6  # share of the hull's volume
-_SPLIT_GAIN = 0.05  # share of the hull's volume that a cut must save
-_SMALLEST_GAP = 2.5e-5  # m3, a cube of 3 cm
+_SPLIT_GAIN = 0.02  # share of the hull's volume that a cut must save
+_SMALLEST_GAP = 1e-4  # m3, a cube of 46 mm
 _CUTS = (0.25, 0.5, 0.75)
 _MOST_PARTS = 6
 _FLAT = 1e-6  # m
