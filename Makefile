@@ -1,6 +1,7 @@
 # Two targets for a fresh machine: each makes the virtual environment by itself when it is missing or out of date.
 PYTHON ?= python3
 VENV := .venv
+export OPENBLAS_NUM_THREADS := 1
 BIN := $(VENV)/bin
 
 .PHONY: demo test slow bench lint clean

@@ -37,7 +37,8 @@ def rotation_about(axes: Sequence[float] | Array, angles: float | Array) -> Arra
     zero = np.zeros(shape)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*shape, 3, 3)
     sine, cosine = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
-    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    rotation: Array = np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    return rotation
 
 
 def compose(rotation: Array, translation: Sequence[float] | Array) -> Array:
@@ -64,7 +65,8 @@ def invert(poses: Array) -> Array:
 
 def transform_points(poses: Array, points: Array) -> Array:
     """Points (..., k, 3) of frame b expressed in frame a, for ``poses`` a_from_b (..., 4, 4)."""
-    return points @ np.swapaxes(poses[..., :3, :3], -1, -2) + poses[..., None, :3, 3]
+    moved: Array = points @ np.swapaxes(poses[..., :3, :3], -1, -2) + poses[..., None, :3, 3]
+    return moved
 
 
 def rotation_angle(rotation: Array) -> Array:

@@ -86,5 +86,6 @@ def _line(text: str, keys: list[int | str]) -> int:
                 break
             name, node = entries[0]
             line = name.start_mark.line
-        line = max(line, node.start_mark.line)
+        if node is not None:
+            line = max(line, node.start_mark.line)
     return line + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,12 +15,12 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import InputError, UnknownNameError
-from ..transforms import Array, checked_poses, invert
+from ..transforms import Array, checked_poses
 from .allowed import disabled_collisions
+from .arm import Arm
 from .chain import Chain
 from .files import read_yaml
 from .hand import Hand
-from .ik import IKSolutions, IKSolver, make_solver, track
 from .srdf import Srdf, read_srdf
 from .urdf import Link, read_urdf
 
@@ -43,63 +43,6 @@ class LimitsFile(msgspec.Struct):
     """MoveIt's joint_limits.yaml."""
 
     joint_limits: dict[str, JointLimitFile]
-
-
-@dataclass(frozen=True, eq=False)
-class Arm:
-    """A serial group of joints that carries a flange, and the hand on it.
-
-    Attributes:
-        name: The SRDF group's name.
-        chain: Joints and kinematics from the world to the flange, the robot's other joints at home.
-        indices: Places (dof,) of its joints in the robot's configuration.
-        flange_joint: Index of the pinocchio joint that moves the flange.
-        joint_from_flange: Pose (4, 4) of the flange in that joint's frame.
-        hand: The mounted hand, if there is one.
-        flange_from_base: Pose (4, 4) of the hand's base on the flange.
-    """
-
-    name: str
-    chain: Chain
-    indices: npt.NDArray[np.intp]
-    flange_joint: int
-    joint_from_flange: Array
-    hand: Hand | None = None
-    flange_from_base: Array = field(default_factory=lambda: np.eye(4))
-
-    def flange_from_hand(self, openings: npt.ArrayLike) -> Array:
-        """Pose (n, 4, 4) of the hand frame on the flange at ``openings`` (n,) [m].
-
-        Raises:
-            InputError: No hand is mounted, or an opening lies outside the stroke.
-        """
-        if self.hand is None:
-            raise InputError(f"arm {self.name}", "no hand is mounted", "use Robot.with_hand")
-        return self.flange_from_base @ self.hand.base_from_hand(openings)
-
-    @cached_property
-    def solver(self) -> IKSolver:
-        """Inverse kinematics of the flange, with its tables."""
-        return make_solver(self.chain)
-
-    def solve_ik(self, world_from_hand: npt.ArrayLike, openings: npt.ArrayLike) -> IKSolutions:
-        """Configurations of the arm's joints that put its hand at poses (n, 4, 4) in the world, at openings (n,) [m].
-
-        Raises:
-            InputError: No hand is mounted, a pose is not rigid, or an opening lies outside the stroke.
-        """
-        hands = checked_poses(world_from_hand, "inverse kinematics: targets").reshape(-1, 4, 4)
-        return self.solver(hands @ invert(self.flange_from_hand(openings)))
-
-    def track(self, q: Array, world_from_hand: Array, opening: float) -> tuple[Array, int]:
-        """Follow poses of the hand (k, 4, 4) from joint positions ``q`` (dof,), without changing branch.
-
-        Returns:
-            Joint positions (k, dof), and how many leading poses were met.
-        """
-        flanges = world_from_hand @ invert(self.flange_from_hand(opening)[0])
-        path, reached = track(self.chain, q[None], flanges[:, None])
-        return path[:, 0], int(reached[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +122,19 @@ class Robot:
         equipped = replace(self.arm(arm), hand=hand, flange_from_base=mount)
         return replace(self, arms={**self.arms, arm: equipped})
 
+    def with_home(self, home: npt.ArrayLike) -> Robot:
+        """This robot with another home (nq,): joints that belong to no arm, such as a chest, stay there.
+
+        Raises:
+            InputError: It is no configuration within the limits.
+        """
+        q = _checked(self, home, "home")
+        arms = {
+            name: replace(arm, chain=Chain.from_model(self.model, arm.chain.names, arm.flange, q))
+            for name, arm in self.arms.items()
+        }
+        return replace(self, home=q, arms=arms)
+
     def arm(self, name: str) -> Arm:
         """The arm called ``name``.
 
@@ -218,23 +174,25 @@ class Robot:
         """Places in a configuration of the joints of ``arms``, arm by arm."""
         return np.concatenate([self.arm(name).indices for name in arms])
 
+    def with_joints(self, q: Array, arm: str, joints: Array) -> Array:
+        """Configurations (n, nq) like ``q`` (nq,) but with the joints of ``arm`` at ``joints`` (n, dof)."""
+        configurations = np.tile(q, (len(joints), 1))
+        configurations[:, self.arm(arm).indices] = joints
+        return configurations
+
     def checked_configuration(self, q: npt.ArrayLike, place: str = "q") -> Array:
         """``q`` as a configuration (nq,).
 
         Raises:
-            InputError: Wrong length, a number that is not finite, or a joint outside its limits.
+            InputError: Wrong length, a number that is not finite, a joint outside its limits, or a joint of no arm that
+                is not at home.
         """
-        array = np.asarray(q, dtype=float)
-        if array.shape != (self.model.nq,):
-            names = ", ".join(self.joint_names)
-            raise InputError(
-                place, f"shape {array.shape} is no configuration", f"give {self.model.nq} numbers: {names}"
-            )
-        inside = (array >= self.lower - _LIMIT_SLACK) & (array <= self.upper + _LIMIT_SLACK)
-        if not inside.all():
-            i = int(np.argmin(inside))
-            cure = f"stay between {self.lower[i]:.4f} and {self.upper[i]:.4f}"
-            raise InputError(place, f"joint {self.joint_names[i]} at {array[i]:.4f} is outside its limits", cure)
+        array = _checked(self, q, place)
+        still = np.setdiff1d(np.arange(len(array)), self.indices(self.arms))
+        moved = np.abs(array - self.home)[still] > _LIMIT_SLACK
+        if moved.any():
+            name = self.joint_names[int(still[np.argmax(moved)])]
+            raise InputError(place, f"joint {name} belongs to no arm, but is not at home", "use Robot.with_home")
         return array
 
     def flange(self, arm: str, q: Array) -> Array:
@@ -248,6 +206,19 @@ class Robot:
         """Pose (4, 4) of the hand frame of ``arm`` in the world at ``q`` (nq,) and ``opening`` [m]."""
         pose: Array = self.flange(arm, q) @ self.arm(arm).flange_from_hand(opening)[0]
         return pose
+
+
+def _checked(robot: Robot, q: npt.ArrayLike, place: str) -> Array:
+    array = np.asarray(q, dtype=float)
+    if array.shape != (robot.model.nq,):
+        names = ", ".join(robot.joint_names)
+        raise InputError(place, f"shape {array.shape} is no configuration", f"give {robot.model.nq} numbers: {names}")
+    inside = (array >= robot.lower - _LIMIT_SLACK) & (array <= robot.upper + _LIMIT_SLACK)
+    if not inside.all():
+        i = int(np.argmin(inside))
+        cure = f"stay between {robot.lower[i]:.4f} and {robot.upper[i]:.4f}"
+        raise InputError(place, f"joint {robot.joint_names[i]} at {array[i]:.4f} is outside its limits", cure)
+    return array
 
 
 def _place(model: pin.Model, base: Array) -> None:
@@ -324,6 +295,7 @@ def _arms(model: pin.Model, srdf: Srdf, home: Array) -> dict[str, Arm]:
         arms[group.name] = Arm(
             name=group.name,
             chain=Chain.from_model(model, names, tip, home),
+            flange=tip,
             indices=np.array([model.joints[i].idx_q for i in joints]),
             flange_joint=int(frame.parentJoint),
             joint_from_flange=np.array(frame.placement.homogeneous),

@@ -74,8 +74,7 @@ def plan_linear(
             raise UnreachableLineError(arm, length * max(reached - 1, 0) / count, length)
         between = mounted.chain.forward((joints[1:] + joints[:-1]) / 2.0) @ tip_from_hand
         if on_line(between, ends, allowed, _PATH_SHARE):
-            path = np.tile(state.q, (count + 1, 1))
-            path[:, mounted.indices] = joints
+            path = scene.robot.with_joints(state.q, arm, joints)
             PathCheck(scene, state, [arm], LINEAR_STEP, {arm, *working}).require_free(path)
             return path
         count *= 2

@@ -47,7 +47,7 @@ class Sweep:
     def bounds(self, path: Array) -> Array:
         """For each step of ``path`` (k, nq), a bound (k - 1,) on the way of any point of any body [m]."""
         corners = self.positions(path)
-        chords = np.linalg.norm(np.diff(corners, axis=0), axis=-1).max(axis=1, initial=0.0)
+        chords: Array = np.linalg.norm(np.diff(corners, axis=0), axis=-1).max(axis=1, initial=0.0)
         return chords + self._deviations(np.abs(np.diff(path, axis=0)))
 
     def refined(self, path: Array, shares: Array, step: float) -> tuple[Array, Array]:

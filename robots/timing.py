@@ -8,8 +8,8 @@ import numpy as np
 
 from ..errors import BlockedError, NoPathError, PlanningError, UnreachableLineError
 from ..transforms import Array
+from .arm import Arm
 from .paths import FREE_STEP, LINEAR_STEP, PathCheck
-from .robot import Arm
 from .scene import Scene
 from .state import SceneState
 from .straight import LineTolerance, on_line

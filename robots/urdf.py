@@ -103,8 +103,10 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
 
 def _shapes(objects: Sequence[pin.GeometryObject]) -> tuple[Shape, ...]:
     """The shape of each geometry object; a mesh that several links use is read once."""
-    keys = [(entry.meshPath, np.asarray(entry.meshScale).tobytes()) for entry in objects]
-    keys = [key if Path(key[0]).is_file() else i for i, key in enumerate(keys)]
+    keys = [
+        (entry.meshPath, np.asarray(entry.meshScale).tobytes()) if Path(entry.meshPath).is_file() else i
+        for i, entry in enumerate(objects)
+    ]
     known = {key: from_coal(entry.geometry) for key, entry in dict(zip(keys, objects, strict=True)).items()}
     return tuple(known[key] for key in keys)
 

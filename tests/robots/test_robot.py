@@ -120,6 +120,19 @@ def test_the_base_moves_the_whole_robot():
         np.testing.assert_allclose(b.placements, base @ a.placements, atol=1e-12)
 
 
+def test_a_chest_turned_stays_so_and_carries_the_arms(rng):
+    robot = load_robot("nextage", {"left": "robotiq_2f85"})
+    home = robot.home.copy()
+    home[robot.joint_names.index("CHEST_JOINT0")] = 0.4
+    with pytest.raises(InputError, match="CHEST_JOINT0 belongs to no arm"):
+        robot.checked_configuration(home)
+    turned = robot.with_home(home)
+    np.testing.assert_array_equal(turned.checked_configuration(home), home)
+    arm = turned.arms["left"]
+    np.testing.assert_allclose(arm.chain.forward(home[None, arm.indices])[0], turned.flange("left", home), atol=1e-9)
+    assert np.abs(turned.flange("left", home) - robot.flange("left", robot.home)).max() > 0.05
+
+
 def test_hand_pose_chains_flange_mount_and_opening():
     robot = load_robot("nextage", {"left": "robotiq_2f85"})
     hand = load_hand("robotiq_2f85")
