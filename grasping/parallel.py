@@ -91,7 +91,8 @@ class Stand:
     Attributes:
         stand_off: (n, 2) how far each side stands off its contact point [m], the single finger first: what has to sink
             in. Infinite where another pad was already too far off for this one to be looked at.
-        gap: (n,) how far the farther finger of a pair hangs above the surface [m]; 0 for one finger.
+        gap: (n,) how far the farther finger of a pair hangs above the surface [m], infinite where it meets none; 0 for
+            one finger.
         opening: (n,) opening of the hand [m].
     """
 
@@ -127,7 +128,7 @@ def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, h
         touch[near] = _touch(part, hand, pairs, candidates.take(near), opening, floor, hopeless)
     stand_off, gap = _stand_off(touch), np.zeros(len(touch))
     if len(hand.pads) > 2:
-        looked = np.isfinite(stand_off).all(axis=1)
+        looked = (stand_off < np.inf).all(axis=1)
         gap[looked] = np.maximum(stand_off[looked, 1], 0.0) - touch[looked, 1:].min(axis=1)
     return Stand(stand_off, gap, width + stand_off.sum(axis=1))
 

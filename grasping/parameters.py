@@ -27,7 +27,7 @@ class GraspParameters:
 
     Attributes:
         theta_pln: Planarity of a facet: the largest angle between a triangle of a facet and its seed [rad].
-        X
+        theta_fct: Overlap of facets: the largest angle between a triangle and the nearest seed of its facets [rad].
         t_bdry: Smallest distance of a contact from the boundary of its facet [m].
         t_rnn: Smallest distance between two contacts of a facet: the radius of the contact region [m].
         h_max: Deepest penetration of the soft pad [m].

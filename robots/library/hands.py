@@ -127,19 +127,36 @@ def robotiq_2f85() -> tuple[Robot, Description]:
 
 
 def hrp5p_three_finger() -> tuple[Robot, Description]:
-    """One finger against two; the fingers stay straight and turn about pivots in the palm."""
+    """One finger against two; the fingers stay straight and turn about pivots in the palm.
+
+    A face along the finger would be parallel to its partner only when fully open, and at every other opening the tips
+    would meet the part before the face does. So the pads are wedges, parallel at 30 mm: on what is flat and 14 to 47 mm
+    wide the whole face stands to within 1.5 mm.
+    """
     source = (
-        "HRP-5P concept hand: palm, pivots and fingers as in the published planner model (102.7 mm to the palm's "
-        "face, 172.7 mm to the grasp centre when open); the pair is set at 30 mm and 22 mm wide so that another "
-        "hand's finger fits between"
+        "HRP-5P concept hand: palm, pivots, fingers and stroke law as in the published planner model (102.7 mm to the "
+        "palm's face, 172.7 mm to the grasp centre when open); the pair is set at 30 mm and 22 mm wide so that another "
+        "hand's finger fits between; the planner takes the fingertips for parallel jaws though the fingers turn, so "
+        "the pads are wedges, parallel at 30 mm, and the fingers end with them, 10 mm short of the published outline"
     )
     hand = Robot("hrp5p_three_finger", source)
-    palm_face, pivot, tip, face, width = 0.1027, (0.047, 0.0962), 0.0987, 0.006, 0.022
+    palm_face, pivot, face, width = 0.1027, (0.047, 0.0962), 0.006, 0.022
     contact = 0.1727 - pivot[1]
-    contact_depth = tip - contact
-    pad_length = 2 * contact_depth
-    # Fingers meet where pivot - face cos q - contact sin q = 0.
-    closed = math.asin(pivot[0] / math.hypot(face, contact)) - math.atan2(face, contact)
+    pad_length, parallel_at = 0.024, 0.030
+    stroke = round(2 * (pivot[0] - face), 9)
+
+    def angle(opening: float) -> float:
+        """How far a finger has turned: pivot - face cos q - contact sin q is half the opening."""
+        return math.asin((pivot[0] - opening / 2) / math.hypot(face, contact)) - math.atan2(face, contact)
+
+    closed, tilt = angle(0.0), angle(parallel_at)
+
+    def behind_face(side: float, depth: float) -> list[tuple[float, float]]:
+        """Lower and upper end (x, z) of the pad's middle line, ``depth`` behind its face."""
+        along, back = (side * math.sin(tilt), math.cos(tilt)), (side * math.cos(tilt), -math.sin(tilt))
+        middle = (side * -face + depth * back[0], contact + depth * back[1])
+        return [(middle[0] + h * along[0], middle[1] + h * along[1]) for h in (-pad_length / 2, pad_length / 2)]
+
     hand.links.append(
         Link(
             "base",
@@ -168,29 +185,27 @@ def hrp5p_three_finger() -> tuple[Robot, Description]:
             cylinder((0, 0, 0), 0.008, width, "grey", ALONG_Y),
             _block((s * -0.005, s * 0.014), width, (0.0, 0.042), "silver"),
             cylinder((s * 0.003, 0, 0.046), 0.0075, width, "grey", ALONG_Y),
-            _block((s * -0.005, s * 0.010), width, (0.050, tip - pad_length), "silver"),
-            _block((s * -0.002, s * 0.008), width, (tip - pad_length, tip - 0.004), "silver"),
-            _block((s * -face, s * -0.002), width, (tip - pad_length, tip), "rubber"),
+            _block((s * -0.005, s * 0.010), width, (0.050, 0.064), "silver"),
+            bar(*behind_face(s, 0.008), 0.008, (-width / 2, width / 2), "silver"),
+            bar(*behind_face(s, 0.002), 0.004, (-width / 2, width / 2), "rubber"),
         )
-        centre = (s * -face, 0, tip - pad_length / 2)
-        hand.add(Joint(f"{name}_pad_joint", name, f"{name}_pad", centre, _facing(s)))
+        frame = (0.0, -tilt, _facing(s)[2])
+        hand.add(Joint(f"{name}_pad_joint", name, f"{name}_pad", (s * -face, 0, contact), frame))
 
-    pads = [
-        {"link": f"{name}_pad", "size": [width, round(pad_length, 9)]} for name in ("thumb", "finger_a", "finger_b")
-    ]
+    pads = [{"link": f"{name}_pad", "size": [width, pad_length]} for name in ("thumb", "finger_a", "finger_b")]
     description = {
         "name": hand.name,
         "kind": "three_finger",
         "urdf": f"{hand.name}.urdf",
         "driver": {"joint": driver, "open": 0.0, "closed": round(closed, 12)},
-        "stroke": [0.0, round(2 * (pivot[0] - face), 9)],
-        "contact_depth": round(contact_depth, 9),
+        "stroke": [0.0, stroke],
+        "contact_depth": pad_length / 2,
         "pads": pads,
         "grip_force": 100.0,
         "friction": 0.5,
         "speed": speed,
         "source": source,
-        "assumed": ["grip_force", "friction", "speed", "finger spacing and width", "pad length"],
+        "assumed": ["grip_force", "friction", "speed", "finger spacing and width", "pads"],
     }
     return hand, description
 

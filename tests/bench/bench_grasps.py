@@ -108,7 +108,6 @@ def other_hands_table() -> None:
         ("sandpart", "suction_cup, lip 8 mm", cup, 0.5),
         ("sandpart", "suction_cup, lip 30 mm", replace(cup, lip=replace(cup.lip, radius=0.03)), 0.5),
         ("ttube", "hrp5p_three_finger", three, 2.0),
-        ("ttube", "hrp5p_three_finger, contact 4 mm from the tip", replace(three, contact_depth=0.004), 2.0),
     ]
     print("\n### other hands\n\n| object | hand | grasps | s | at most | stages: kept (dropped) |")
     print("|---|---|---|---|---|---|")

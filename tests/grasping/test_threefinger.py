@@ -18,8 +18,7 @@ DEFAULTS = GraspParameters()
 
 @pytest.fixture(scope="module")
 def gripper():
-    """The shipped hand, grasping 4 mm from its fingertips: there fingers that turn touch what is flat."""
-    return replace(load_hand("hrp5p_three_finger"), contact_depth=0.004)
+    return load_hand("hrp5p_three_finger")
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +74,8 @@ def test_grasps_at_t_dct_0_are_axial_and_among_those_at_3_mm(gripper, paper_part
     tube = paper_part("ttube")
     none, three = (plan_grasps(tube, gripper, replace(DEFAULTS, t_dct=t)) for t in (0.0, 3e-3))
     assert names(none) < names(three)
-    assert len(none) > 0
+    assert len(none) > 5
+    assert len(three) > 50
     assert not lateral(none, [0.0, 1.0, 0.0]).any()
     assert lateral(three, [0.0, 1.0, 0.0]).any()
 
@@ -103,18 +103,20 @@ def test_the_record_follows_the_candidates(gripper, bar):
     assert stages["hand collision"].taken == stages["pad standing"].kept
 
 
-def test_the_face_at_the_opening_counts(bar):
-    """A face that has turned by an angle lies off a flat side by its sine times how far the side goes on to the tip."""
-    hand = load_hand("hrp5p_three_finger")
-    assert hand.contact_depth > 0.02
-    grasps = plan_grasps(bar, hand)
-    assert rows(grasps)["pad standing"].dropped["pad not on the surface"] > 0
-    turned = np.arcsin(np.abs(hand.hand_from_pad(grasps.opening)[:, 0, 2, 0]))
-    approach = grasps.part_from_hand[:, :3, 2]
-    half = np.array([0.02, 0.055, 0.025])
-    across = np.abs(grasps.part_from_hand[:, :3, 0]) > 0.99  # the sides that the pads are on end nowhere along x
-    for contact in (0, 1):
-        room = (half - np.sign(approach) * grasps.contacts[:, contact]) / np.maximum(np.abs(approach), 1e-9)
-        to_tip = np.minimum(np.where(across, np.inf, room).min(axis=1), hand.contact_depth)
-        assert np.all(np.tan(turned) * to_tip <= DEFAULTS.h_max + 2e-4)
-    assert turned.min() > np.radians(5.0)
+@pytest.mark.parametrize("width", [0.020, 0.030, 0.040, 0.060])
+def test_the_face_at_the_opening_counts(gripper, width):
+    """A face that leans stands off a flat side by its sine times half the pad's length: 1.5 mm is too much."""
+    part = Part.from_mesh(trimesh.creation.box([width, 0.11, 0.05]), mass=0.1)
+    grasps = plan_grasps(part, gripper)
+    pads = grasps.part_from_hand[:, None] @ gripper.hand_from_pad(grasps.opening)
+    half = gripper.pads[0].size[1] / 2 * pads[:, :, :3, 2]
+    ends = [np.abs(pads[:, :, 1:3, 3] + sign * half[:, :, 1:3]) for sign in (-1, 1)]
+    on_side = np.all(ends < np.array([0.055, 0.025]), axis=(0, 2, 3))
+    across = (np.abs(grasps.part_from_hand[:, 0, 0]) > 0.999) & on_side
+    if width == 0.060:  # there the faces lean by 12 deg, in the other cases by 4 at most
+        assert not across.any()
+        assert rows(grasps)["pad standing"].dropped["pad not on the surface"] > 0
+    else:
+        assert across.sum() > 10
+        stand_off = 2 * np.abs(half[across][:, 0, 0])
+        assert np.allclose(grasps.opening[across], width + stand_off, atol=2e-4)

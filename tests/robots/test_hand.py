@@ -31,11 +31,21 @@ def test_opening_is_the_distance_of_the_contact_points_along_the_closing_directi
 
 @pytest.mark.parametrize("name", FINGERS)
 def test_pads_face_each_other_across_the_grasp_centre(name):
-    hand = load_hand(name)
-    pads = hand.hand_from_pad([hand.stroke[1]])[0]
+    pads = load_hand(name).hand_from_pad([0.030])[0]
     assert pads[0, 0, 3] < 0 < pads[1, 0, 3]
     np.testing.assert_allclose(pads[0, :3, 0], [1, 0, 0], atol=1e-5)
     np.testing.assert_allclose(pads[1:, :3, 0], [[-1, 0, 0]] * (len(pads) - 1), atol=1e-5)
+
+
+def test_pads_of_turning_fingers_lean_least_in_the_middle_of_the_stroke():
+    """The published fingers turn by asin((82 mm - opening) / 149 mm); the wedges take away what they turn to 30 mm."""
+    openings = np.array([0.082, 0.047, 0.030, 0.014, 0.0])
+    pads = load_hand("hrp5p_three_finger").hand_from_pad(openings)
+    lean = np.arcsin(pads[:, 0, 2, 0])
+    published = np.arcsin((0.082 - openings) / 0.149)
+    np.testing.assert_allclose(lean, published[2] - published, atol=np.radians(0.8))
+    np.testing.assert_allclose(pads[:, 1:, 2, 0], np.sin(lean)[:, None] * [1, 1], atol=1e-9)
+    assert np.all(np.sin(np.abs(lean[1:4])) * 0.012 <= 1.5e-3)
 
 
 def test_pads_of_the_parallelogram_stay_parallel_and_advance():
