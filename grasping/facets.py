@@ -87,7 +87,7 @@ def segment(part: Part, theta_pln: float, theta_fct: float) -> Facets:
         served[seed] = True
         if found.setdefault(facet.tobytes(), (seed, facet))[0] == seed:
             served[facet[normals[facet] @ normals[seed] >= serve]] = True
-    return _gather(part, [seed for seed, _ in found.values()], [facet for _, facet in found.values()])
+    return _gather(part, [seed for seed, _ in found.values()], [facet for _, facet in found.values()], theta_pln)
 
 
 def _grow(seed: int, neighbours: list[list[int]], unit: list[list[float]], cosine: float) -> Indices:
@@ -128,21 +128,16 @@ def _neighbours(faces: Indices) -> list[list[int]]:
     return [indices[start:end] for start, end in pairwise(graph.indptr.tolist())]
 
 
-def _gather(part: Part, seeds: list[int], members: list[Indices]) -> Facets:
+def _gather(part: Part, seeds: list[int], members: list[Indices], theta_pln: float) -> Facets:
     """The facets as arrays, with their normals and radii of curvature."""
-    normals, centers = part.mesh.face_normals, part.mesh.triangles_center
-    faces, seed = np.concatenate(members), np.array(seeds, dtype=np.int64)
-    sizes = np.array([len(facet) for facet in members])
-    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    normals, faces, seed = part.mesh.face_normals, np.concatenate(members), np.array(seeds, dtype=np.int64)
+    offsets = np.concatenate([[0], np.cumsum([len(facet) for facet in members])])
     mean = np.add.reduceat(normals[faces] * part.mesh.area_faces[faces, None], offsets[:-1])
     length = np.linalg.norm(mean, axis=1, keepdims=True)
-    own = np.repeat(seed, sizes)
-    angle = np.arccos(np.clip(np.einsum("ni,ni->n", normals[faces], normals[own]), -1.0, 1.0))
-    distance = np.linalg.norm(centers[faces] - centers[own], axis=1)
     return Facets(
         faces=faces,
         offsets=offsets,
         seed=seed,
         normal=np.divide(mean, length, out=normals[seed].copy(), where=length > 0.0),
-        radius=curvature_radius(distance, angle, offsets),
+        radius=curvature_radius(part.mesh, faces, offsets, seed, theta_pln),
     )

@@ -17,7 +17,7 @@ from .grasps import FORMAT, GraspSet
 from .parameters import GraspParameters
 from .part import Part
 
-_PLANNER = 1  # raise whenever the same input gives other grasps: older entries are then planned again
+_PLANNER = 2  # raise whenever the same input gives other grasps: older entries are then planned again
 _OPENINGS = 5  # openings at which a hand's linkage enters its digest
 
 

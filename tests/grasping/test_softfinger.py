@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+import trimesh
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from kumitate.grasping.facets import Facets, segment
+from kumitate.grasping.part import Part
 from kumitate.grasping.softfinger import GRAVITY, curvature_radius, eccentricity, stability_margin
 
+LIMIT = np.radians(20.0)
 lengths = st.floats(1e-4, 0.05)
 
 
@@ -82,7 +86,57 @@ def test_no_margin_where_friction_cannot_carry_the_weight():
     assert stability_margin(np.zeros(1), 0.0, 0.1, 0.5, 40.0)[0] == -np.inf
 
 
-def test_radius_is_that_of_the_sharpest_turn_beyond_noise():
-    distance = np.array([0.0, 0.010, 0.010, 0.0, 0.001])
-    angle = np.array([0.0, 0.1, 0.2, 0.0, np.radians(0.4)])
-    assert curvature_radius(distance, angle, np.array([0, 3, 5])) == pytest.approx([0.05, np.inf])
+def radii(mesh: trimesh.Trimesh) -> tuple[Facets, np.ndarray]:
+    facets = segment(Part.from_mesh(mesh, mass=0.1), LIMIT, LIMIT)
+    return facets, facets.radius[np.isfinite(facets.radius)]
+
+
+@pytest.mark.parametrize("longest", [1.0, 0.02, 0.006])
+@pytest.mark.parametrize("sections", [20, 33, 64, 150])
+def test_a_cylinder_has_its_radius_however_it_is_cut(sections, longest):
+    mesh = trimesh.creation.cylinder(radius=0.02, height=0.05, sections=sections).subdivide_to_size(longest)
+    facets, curved = radii(mesh)
+    assert len(curved) == len(facets) - 2
+    assert curved == pytest.approx(0.02, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        *(trimesh.creation.icosphere(subdivisions=n, radius=0.025) for n in (2, 3, 4)),
+        trimesh.creation.uv_sphere(radius=0.025, count=[32, 48]),
+    ],
+)
+def test_a_sphere_has_its_radius(mesh):
+    facets, curved = radii(mesh)
+    assert len(curved) == len(facets)
+    assert curved == pytest.approx(0.025, rel=0.05)
+
+
+def test_a_torus_has_that_of_its_tube_or_twice_that_on_a_ring():
+    _, curved = radii(trimesh.creation.torus(0.03, 0.01, 64, 32))
+    assert np.all((curved > 0.0095) & (curved < 0.02))
+    assert np.median(curved) == pytest.approx(0.01, rel=0.06)
+
+
+def test_bumps_and_hollows_do_not_cancel():
+    """A plate with waves of 8 mm radius, whose slopes stay below 20 deg."""
+    mesh = trimesh.creation.box([0.064, 0.01, 0.02]).subdivide_to_size(0.0015)
+    top = mesh.vertices[:, 2] > 0.0099
+    k = 2.0 * np.pi / 0.016
+    mesh.vertices[top, 2] += np.cos(k * mesh.vertices[top, 0]) / (0.008 * k**2)
+    facets, _ = radii(mesh)
+    wavy = np.argmax(np.where(facets.normal[:, 2] > 0.9, np.diff(facets.offsets), 0))
+    assert 0.008 < facets.radius[wavy] < 0.016
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_the_radius_does_not_depend_on_how_the_surface_is_cut(random_part, seed):
+    mesh = random_part(seed).mesh
+    facets = segment(random_part(seed), LIMIT, LIMIT)
+    vertices, faces, children = trimesh.remesh.subdivide(mesh.vertices, mesh.faces, return_index=True)
+    finer = trimesh.Trimesh(vertices, faces, process=False)
+    cut = np.array([children[face] for face in range(len(mesh.faces))])
+    again = curvature_radius(finer, cut[facets.faces].ravel(), 4 * facets.offsets, cut[facets.seed, 0], LIMIT)
+    assert again == pytest.approx(facets.radius, rel=1e-6)
