@@ -1,7 +1,8 @@
-"""What two-finger and three-finger grippers share: turning about a pair, standing on it, opening, holding it."""
+"""What the planners share: turning about an axis, standing on a pair of contacts, opening, holding, quality."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import pi
 from time import process_time
@@ -20,7 +21,7 @@ from .record import Stage
 from .softfinger import eccentricity, stability_margin
 from .touch import first_touch
 
-_VERTICAL = 0.95  # cosine from which a closing axis counts as vertical
+_ALONG = 0.95  # cosine from which an axis counts as along another
 TOUCHING = ("hand clear of the part", "hand touches the part")  # why the check drops a hand
 FLUSH = 1e-6  # m; what rises less than this above a contact does not hold a pad off
 _NARROWER = (0.75, 0.5, 0.25)  # approach openings tried below fully open, as shares of what is left to open
@@ -68,11 +69,7 @@ def turn_about(pairs: ContactPairs, n_da: int, both_ways: bool) -> Candidates:
     vertical), so that a vertical approach is among them.
     """
     axis, ways = pairs.axis, 1 + both_ways
-    down = np.where(np.abs(axis[:, 2:]) > _VERTICAL, [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0])
-    down -= np.sum(down * axis, axis=-1, keepdims=True) * axis
-    down /= np.linalg.norm(down, axis=-1, keepdims=True)
-    turns = rotation_about(axis[:, None], 2.0 * pi * np.arange(n_da) / n_da)
-    approach = (turns @ down[:, None, :, None])[..., 0]
+    approach = directions_about(axis, (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), n_da)
     shape = (len(pairs), ways, n_da)
     swapped = np.broadcast_to((np.arange(ways) == 1)[:, None], shape).ravel()
     pair = np.repeat(np.arange(len(pairs)), ways * n_da)
@@ -82,6 +79,20 @@ def turn_about(pairs: ContactPairs, n_da: int, both_ways: bool) -> Candidates:
         closing=np.where(swapped[:, None], -axis[pair], axis[pair]),
         approach=np.broadcast_to(approach[:, None], (*shape, 3)).reshape(-1, 3),
     )
+
+
+def directions_about(axis: Array, first: Sequence[float], otherwise: Sequence[float], count: int) -> Array:
+    """Unit directions (n, count, 3) at right angles to unit axes (n, 3), evenly turned about them.
+
+    They count from the direction nearest to ``first``; where the axis is nearly along that, to ``otherwise``. Both are
+    axes of the part.
+    """
+    along = np.abs(axis @ np.asarray(first)) > _ALONG
+    start = np.where(along[:, None], otherwise, first)
+    start -= np.sum(start * axis, axis=-1, keepdims=True) * axis
+    start /= np.linalg.norm(start, axis=-1, keepdims=True)
+    turns = rotation_about(axis[:, None], 2.0 * pi * np.arange(count) / count)
+    return np.asarray((turns @ start[:, None, :, None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +131,7 @@ def stand(part: Part, hand: Hand, pairs: ContactPairs, candidates: Candidates, h
         floor: How far below the contacts a surface of the second side is looked for, not above zero [m].
     """
     width = pairs.width[candidates.pair]
-    hopeless = 2.0 * h_max + FLUSH
+    hopeless = 2.0 * h_max + FLUSH  # farther off than turning to the final opening makes good
     touch = _touch(part, hand, pairs, candidates, width, floor, hopeless)
     near = np.flatnonzero((touch <= hopeless).all(axis=1) & _pads_turn(hand))
     if len(near):

@@ -77,7 +77,7 @@ def cached_grasps(
             return replace(stored, part=part.name, hand=hand.name)
     except InputError:
         pass
-    from .planner import plan_grasps
+    from .planner import plan_grasps  # only here: a hit is spared the loading of what planning needs
 
     grasps = replace(plan_grasps(part, hand, parameters), key=key)
     _write(grasps, path)

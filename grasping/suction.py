@@ -10,19 +10,18 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from ..errors import InputError
 from ..robots.hand import Hand, Lip
-from ..transforms import Array, compose, invert, rotation_about
+from ..transforms import Array, compose, invert
 from .collision import HandCollision, Mask
 from .contacts import Contacts, boundary_distance
 from .facets import Facets
 from .grasps import GraspSet
-from .parallel import TOUCHING, quality
+from .parallel import TOUCHING, directions_about, quality
 from .parameters import GraspParameters
 from .part import Part
 from .record import Stage
 from .softfinger import GRAVITY, eccentricity, stability_margin
 
 _LIP_POINTS = 72  # where the lip is looked at: every 5 deg
-_VERTICAL = 0.95
 
 
 def plan_suction(
@@ -126,10 +125,6 @@ def turn_about_normals(normals: Array, count: int) -> Array:
 
     Turns count from the part's x axis (its y axis where the normal is along x).
     """
-    x = np.where(np.abs(normals[:, :1]) > _VERTICAL, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
-    x -= np.sum(x * normals, axis=-1, keepdims=True) * normals
-    x /= np.linalg.norm(x, axis=-1, keepdims=True)
-    turns = rotation_about(normals[:, None], 2.0 * pi * np.arange(count) / count)
-    x = (turns @ x[:, None, :, None])[..., 0].reshape(-1, 3)
+    x = directions_about(normals, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), count).reshape(-1, 3)
     z = -np.repeat(normals, count, axis=0)
     return np.stack([x, np.cross(z, x), z], axis=-1)

@@ -58,8 +58,8 @@ def first_touch(
     touch = np.full(len(row), -np.inf)
     for some in np.split(np.arange(len(row)), np.flatnonzero(np.diff(np.cumsum(count) // _CHUNK)) + 1):
         face = np.repeat(some, count[some])
-        place = np.arange(len(face)) - np.repeat(np.cumsum(count[some]) - count[some], count[some])
-        triangle = around[first[row[face]] + place]
+        turn = np.arange(len(face)) - np.repeat(np.cumsum(count[some]) - count[some], count[some])
+        triangle = around[first[row[face]] + turn]
         local = _in_face(mesh.triangles.view(np.ndarray), triangle, face_from_part, origin, face)
         least, most = local.min(axis=0), local.max(axis=0)
         over = np.abs(least[:2] + most[:2]) <= 2.0 * half[:, None] + most[:2] - least[:2]

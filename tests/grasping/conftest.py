@@ -9,6 +9,8 @@ import pytest
 import trimesh
 
 from kumitate.grasping.part import Part
+from kumitate.robots.hand import Hand
+from kumitate.robots.library import load_hand
 
 
 def star_prism(radii: np.ndarray, height: float) -> trimesh.Trimesh:
@@ -56,6 +58,31 @@ def random_mesh(seed: int) -> trimesh.Trimesh:  # noqa: PLR0911 -- a kind each
 def random_part() -> Callable[[int], Part]:
     """Part of a random mesh, by seed."""
     return lambda seed: Part.from_mesh(random_mesh(seed), mass=0.1, name=f"random {seed}")
+
+
+@pytest.fixture(scope="session")
+def gripper() -> Hand:
+    """The shipped gripper with two fingers."""
+    return load_hand("robotiq_2f85")
+
+
+@pytest.fixture(scope="session")
+def made() -> Callable[[str], Part]:
+    """Part of a mesh of a size to hold, by name: block, tube, bracket or ball."""
+
+    def part(name: str) -> Part:
+        mesh = {
+            "block": lambda: trimesh.creation.box([0.06, 0.04, 0.03]),
+            "tube": lambda: trimesh.creation.annulus(r_min=0.012, r_max=0.02, height=0.06, sections=48),
+            "bracket": lambda: (
+                trimesh.creation.box([0.08, 0.05, 0.006])
+                + trimesh.creation.box([0.006, 0.05, 0.06]).apply_translation([0.037, 0.0, 0.033])
+            ),
+            "ball": lambda: trimesh.creation.icosphere(subdivisions=3, radius=0.025),
+        }[name]()
+        return Part.from_mesh(mesh, mass=0.1, name=name)
+
+    return part
 
 
 @pytest.fixture(scope="session")

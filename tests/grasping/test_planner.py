@@ -14,28 +14,9 @@ from kumitate.grasping.parameters import GraspParameters
 from kumitate.grasping.part import Part
 from kumitate.grasping.planner import plan_grasps
 from kumitate.robots.hand import Hand
-from kumitate.robots.library import load_hand
 
 DEFAULTS = GraspParameters()
 PAPER_ROWS = ["segmentation", "sampling", "refinement 1", "refinement 2", "contact pairs"]
-
-
-@pytest.fixture(scope="module")
-def gripper():
-    return load_hand("robotiq_2f85")
-
-
-def made(name: str) -> Part:
-    mesh = {
-        "block": lambda: trimesh.creation.box([0.06, 0.04, 0.03]),
-        "tube": lambda: trimesh.creation.annulus(r_min=0.012, r_max=0.02, height=0.06, sections=48),
-        "bracket": lambda: (
-            trimesh.creation.box([0.08, 0.05, 0.006])
-            + trimesh.creation.box([0.006, 0.05, 0.06]).apply_translation([0.037, 0.0, 0.033])
-        ),
-        "ball": lambda: trimesh.creation.icosphere(subdivisions=3, radius=0.025),
-    }[name]()
-    return Part.from_mesh(mesh, mass=0.1, name=name)
 
 
 def rows(grasps):
@@ -155,7 +136,7 @@ def distinct(grasps: GraspSet, distance: float, angle: float) -> int:
 
 
 @pytest.mark.parametrize("name", ["block", "tube", "bracket", "ball"])
-def test_every_grasp_of_a_made_part_keeps_its_promises(gripper, name):
+def test_every_grasp_of_a_made_part_keeps_its_promises(gripper, name, made):
     part = made(name)
     grasps = plan_grasps(part, gripper)
     assert len(grasps) > 20
@@ -195,7 +176,7 @@ def one_way_round(grasps) -> np.ndarray:
     return mask
 
 
-def test_the_record_follows_the_candidates_through_the_stages(gripper):
+def test_the_record_follows_the_candidates_through_the_stages(gripper, made):
     record = plan_grasps(made("bracket"), gripper).record
     assert [s.name for s in record] == [
         *PAPER_ROWS,
@@ -215,7 +196,7 @@ def test_the_record_follows_the_candidates_through_the_stages(gripper):
         assert stage.taken == stage.kept + sum(stage.dropped.values())
 
 
-def test_the_best_grasp_comes_first_and_a_plan_repeats_exactly(gripper):
+def test_the_best_grasp_comes_first_and_a_plan_repeats_exactly(gripper, made):
     part = made("bracket")
     one, two = plan_grasps(part, gripper), plan_grasps(part, gripper)
     assert np.all(np.diff(one.quality) <= 0.0)
@@ -230,7 +211,7 @@ def test_a_part_wider_than_the_stroke_has_no_grasp_and_the_record_says_so(grippe
     assert rows(grasps)["stroke collision"].dropped["wider than the hand opens"] > 0
 
 
-def test_a_part_too_heavy_to_hold_has_no_grasp_and_the_record_says_so(gripper):
+def test_a_part_too_heavy_to_hold_has_no_grasp_and_the_record_says_so(gripper, made):
     grasps = plan_grasps(Part.from_mesh(made("block").mesh, mass=6.0), gripper)
     assert len(grasps) == 0
     assert rows(grasps)["stability"].taken > 0

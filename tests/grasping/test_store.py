@@ -16,11 +16,6 @@ from kumitate.grasping.store import cache_folder, cached_grasps, grasp_key
 from kumitate.robots.library import load_hand
 
 
-@pytest.fixture(scope="module")
-def gripper():
-    return load_hand("robotiq_2f85")
-
-
 @pytest.fixture
 def planned(monkeypatch):
     """How often the planner ran."""

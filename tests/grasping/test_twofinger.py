@@ -12,27 +12,8 @@ from kumitate.grasping.facets import segment
 from kumitate.grasping.parameters import GraspParameters
 from kumitate.grasping.part import Part
 from kumitate.grasping.planner import plan_grasps
-from kumitate.robots.library import load_hand
 
 DEFAULTS = GraspParameters()
-
-
-@pytest.fixture(scope="module")
-def gripper():
-    return load_hand("robotiq_2f85")
-
-
-def made(name: str) -> Part:
-    mesh = {
-        "block": lambda: trimesh.creation.box([0.06, 0.04, 0.03]),
-        "tube": lambda: trimesh.creation.annulus(r_min=0.012, r_max=0.02, height=0.06, sections=48),
-        "bracket": lambda: (
-            trimesh.creation.box([0.08, 0.05, 0.006])
-            + trimesh.creation.box([0.006, 0.05, 0.06]).apply_translation([0.037, 0.0, 0.033])
-        ),
-        "ball": lambda: trimesh.creation.icosphere(subdivisions=3, radius=0.025),
-    }[name]()
-    return Part.from_mesh(mesh, mass=0.1, name=name)
 
 
 def rows(grasps):
@@ -45,7 +26,7 @@ def grasp_names(grasps) -> set[tuple[float, ...]]:
 
 
 @pytest.mark.parametrize(("name", "mass"), [("made", 1.0), ("ttube", 0.5)])
-def test_grasps_at_a_smaller_h_max_are_among_those_at_a_larger(gripper, request, name, mass):
+def test_grasps_at_a_smaller_h_max_are_among_those_at_a_larger(gripper, request, name, mass, made):
     if name == "made":
         part = Part.from_mesh(made("tube").mesh, mass=mass)
     else:
@@ -69,13 +50,13 @@ def test_flatter_facets_hold_at_a_smaller_h_max(gripper, paper_objects):
 
 
 @pytest.mark.parametrize("name", ["tube", "bracket"])
-def test_more_rotations_give_denser_grasps(gripper, name):
+def test_more_rotations_give_denser_grasps(gripper, name, made):
     part = made(name)
     eight, sixteen = (plan_grasps(part, gripper, replace(DEFAULTS, n_da=n)) for n in (8, 16))
     assert grasp_names(eight) < grasp_names(sixteen)
 
 
-def test_a_vertical_approach_is_among_the_rotations(gripper):
+def test_a_vertical_approach_is_among_the_rotations(gripper, made):
     grasps = plan_grasps(made("block"), gripper)
     level = np.abs(grasps.part_from_hand[:, 2, 0]) < 1e-6
     assert level.any()
