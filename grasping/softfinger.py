@@ -38,7 +38,7 @@ def curvature_radius(mesh: trimesh.Trimesh, faces: Indices, offsets: Indices, se
     own = np.repeat(seed, np.diff(offsets))
     aligned = np.einsum("ni,ni->n", mesh.face_normals[faces], mesh.face_normals[own])
     turned = np.minimum.reduceat(aligned, offsets[:-1]) < np.cos(_COPLANAR)
-    return np.divide(1.0, curvature, out=np.full(len(seed), np.inf), where=turned & (curvature > 0.0))
+    return np.asarray(np.divide(1.0, curvature, out=np.full(len(seed), np.inf), where=turned & (curvature > 0.0)))
 
 
 def _bending(mesh: trimesh.Trimesh, smooth: float) -> Array:
