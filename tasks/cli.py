@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, KumitateError
+from .output import say as _say
+from .output import write_file as _write
+from .placements_command import add_placements
 from .quantities import parse_quantity
 
 _DENSITY = 1000.0  # kg/m3, unless given
@@ -33,6 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="kumitate", description="Assembly planning for dual-arm robots.")
     commands = parser.add_subparsers(required=True, metavar="command")
     _add_grasps(commands.add_parser("grasps", help="plan the grasps of a part by a hand"))
+    add_placements(commands.add_parser("placements", help="find the stable placements of a part on a plane"))
     return parser
 
 
@@ -111,20 +115,6 @@ def _parameter(name: str, text: str) -> float:
             raise InputError(place, f"{text!r} is no whole number", "write one such as 8")
         return int(text)
     return parse_quantity(text, "angle" if name in _ANGLES else "length", place)
-
-
-def _write(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file, or say in one line why not."""
-    try:
-        write(path)
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be written ({error.strerror})", "name a folder that exists and is yours"
-        ) from error
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
 
 
 if __name__ == "__main__":

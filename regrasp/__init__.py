@@ -1,0 +1,1 @@
+"""Stable placements, free spots on supports, handovers, and the regrasp graph over them."""
