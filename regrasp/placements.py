@@ -168,14 +168,16 @@ def _solid_angles(a: Array, b: Array, c: Array) -> Array:
 
 
 def _tilts(faces: _Faces) -> Array:
-    """The tilt (e,) about each edge that brings the centre of mass above it [rad]; negative where it lies beyond."""
+    """The tilt (e,) about each edge that brings the centre of mass above it [rad]; negative where it lies beyond.
+
+    Faces count as flat: what their triangles differ by is less than the merging angle.
+    """
     start, end = np.moveaxis(faces.points[faces.ends], 1, 0)
     down = faces.normal[faces.edge[:, 0]]
     inward = np.cross(end - start, down)
     inward /= np.linalg.norm(inward, axis=1, keepdims=True)
     inward *= np.sign(np.einsum("ei,ei->e", faces.points[faces.inner] - start, inward))[:, None]
-    level, depth = np.einsum("ei,ei->e", start, inward), np.einsum("ei,ei->e", start, down)
-    tilt: Array = np.arctan2(-level, depth)
+    tilt: Array = np.arctan2(-np.einsum("ei,ei->e", start, inward), faces.height[faces.edge[:, 0]])
     return tilt
 
 
