@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -98,11 +99,28 @@ class UnreachableLineError(PlanningError):
         arm: The arm.
         reached: How far it comes [m].
         length: Length of the line [m].
+        angle: Turn along the line [rad].
     """
 
-    def __init__(self, arm: str, reached: float, length: float) -> None:
-        """Tell how far the arm comes."""
+    def __init__(self, arm: str, share: float, length: float, angle: float) -> None:
+        """Tell what share of the line the arm follows, from 0 to 1."""
         self.arm = arm
-        self.reached = reached
+        self.reached = share * length
         self.length = length
-        super().__init__(f"arm {arm} follows the line for {1e3 * reached:.0f} of {1e3 * length:.0f} mm only")
+        self.angle = angle
+        line = f"{1e3 * length:.0f} mm and {math.degrees(angle):.0f} degrees"
+        super().__init__(f"arm {arm} follows the line of {line} for {100.0 * share:.0f}% of its way only")
+
+
+class OffLineError(PlanningError):
+    """A straight motion leaves its line by more than is allowed, however finely it is followed.
+
+    Attributes:
+        arm: The arm.
+    """
+
+    def __init__(self, arm: str, position: float, angle: float) -> None:
+        """Tell how far the motion may leave the line [m, rad]."""
+        self.arm = arm
+        allowed = f"{1e3 * position:g} mm and {math.degrees(angle):g} degrees"
+        super().__init__(f"arm {arm} does not keep to the line within {allowed}")

@@ -53,8 +53,16 @@ def compose(rotation: Array, translation: Sequence[float] | Array) -> Array:
 
 
 def pose(xyz: Sequence[float] | Array = (0.0, 0.0, 0.0), rpy: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
-    """One pose (4, 4) from a position [m] and fixed-axis roll, pitch, yaw [rad]."""
-    return compose(rotation_from_rpy(rpy), xyz)
+    """One pose (4, 4) from a position [m] and fixed-axis roll, pitch, yaw [rad].
+
+    Raises:
+        InputError: Either is not three finite numbers.
+    """
+    vectors = {"xyz": checked_numbers(xyz, "pose: xyz"), "rpy": checked_numbers(rpy, "pose: rpy")}
+    for name, vector in vectors.items():
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise InputError(f"pose: {name}", f"{vector} is no vector", "give three finite numbers [m, rad]")
+    return compose(rotation_from_rpy(vectors["rpy"]), vectors["xyz"])
 
 
 def invert(poses: Array) -> Array:
@@ -88,13 +96,37 @@ def pose_distance(a: Array, b: Array) -> tuple[Array, Array]:
     return np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1), rotation_angle(relative)
 
 
+def checked_numbers(values: npt.ArrayLike, place: str) -> Array:
+    """``values`` as a float array of any shape.
+
+    Raises:
+        InputError: They are no numbers, or rows of different lengths.
+    """
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(place, f"no array of numbers ({error})", "give numbers, every row as long") from error
+
+
+def checked_pose(pose: npt.ArrayLike, place: str) -> Array:
+    """``pose`` as a float array (4, 4).
+
+    Raises:
+        InputError: Wrong shape, a number that is not finite, or a matrix that is no rigid pose.
+    """
+    array = checked_poses(pose, place)
+    if array.ndim != 2:
+        raise InputError(place, f"shape {array.shape} is not one pose", "give one array of shape (4, 4)")
+    return array
+
+
 def checked_poses(poses: npt.ArrayLike, place: str) -> Array:
     """``poses`` as a float array (..., 4, 4).
 
     Raises:
         InputError: Wrong shape, a number that is not finite, or a matrix that is no rigid pose.
     """
-    array = np.asarray(poses, dtype=float)
+    array = checked_numbers(poses, place)
     if array.shape[-2:] != (4, 4):
         raise InputError(place, f"shape {array.shape} is no pose", "give arrays of shape (4, 4) or (n, 4, 4)")
     rotation = array[..., :3, :3]

@@ -49,6 +49,17 @@ class Arm:
             raise InputError(f"arm {self.name}", "no hand is mounted", "use Robot.with_hand")
         return self.flange_from_base @ self.hand.base_from_hand(openings)
 
+    def checked_opening(self, opening: float) -> float:
+        """``opening`` [m] as a number within the stroke.
+
+        Raises:
+            InputError: No hand is mounted, it is no number, or it lies outside the stroke.
+        """
+        if np.ndim(opening):
+            raise InputError(f"arm {self.name}", f"opening {opening!r} is no number", "give one opening [m]")
+        self.flange_from_hand(opening)
+        return float(opening)
+
     @cached_property
     def solver(self) -> IKSolver:
         """Inverse kinematics of the flange, with its tables."""
@@ -58,10 +69,15 @@ class Arm:
         """Configurations of the arm's joints that put its hand at poses (n, 4, 4) in the world, at openings (n,) [m].
 
         Raises:
-            InputError: No hand is mounted, a pose is not rigid, or an opening lies outside the stroke.
+            InputError: No hand is mounted, a pose is not rigid, an opening lies outside the stroke, or there are
+                several openings but not one for each pose.
         """
         hands = checked_poses(world_from_hand, "inverse kinematics: targets").reshape(-1, 4, 4)
-        return self.solver(hands @ invert(self.flange_from_hand(openings)))
+        flange_from_hand = self.flange_from_hand(openings)
+        if len(flange_from_hand) not in (1, len(hands)):
+            problem = f"{len(flange_from_hand)} openings for {len(hands)} targets"
+            raise InputError("inverse kinematics: openings", problem, "give one for all, or one for each")
+        return self.solver(hands @ invert(flange_from_hand))
 
     def track(self, q: Array, world_from_hand: Array, opening: float) -> tuple[Array, int]:
         """Follow poses of the hand (k, 4, 4) from joint positions ``q`` (dof,), without changing branch.

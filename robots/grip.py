@@ -18,15 +18,17 @@ def plan_grip(scene: Scene, state: SceneState, arm: str, opening: float) -> Arra
     touching as everywhere: within the contact tolerance.
 
     Raises:
-        InputError: The opening lies outside the stroke, or the arm has no hand.
+        InputError: The opening lies outside the stroke, the arm has no hand, or the state's configuration is outside
+            the limits.
         BlockedError: A finger touches something on the way.
     """
-    scene.robot.arm(arm).flange_from_hand(opening)
+    opening = scene.robot.arm(arm).checked_opening(opening)
+    q = scene.robot.checked_configuration(state.q, "start")
     start = state.openings[arm]
     count = max(int(np.ceil(abs(opening - start) / LINEAR_STEP)), 1)
     openings = np.linspace(start, opening, count + 1)
     for i, value in enumerate(openings):
         checker = scene.checker(state.with_opening(arm, value), {arm})
-        if not checker.free(state.q):
-            raise BlockedError(checker.touching(state.q), i / count)
+        if not checker.free(q):
+            raise BlockedError(checker.touching(q), i / count)
     return openings

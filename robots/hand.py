@@ -18,15 +18,17 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import InputError
-from ..transforms import Array, compose, invert, rotation_about
+from ..transforms import Array, checked_numbers, compose, invert, rotation_about
 from .files import read_yaml
 from .urdf import Link, Urdf, read_urdf
 
 _TABLE_SIZE = 2001
 _STROKE_SLACK = 1e-6  # m
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Kind = Literal["suction", "two_finger", "three_finger"]
+_OF_FINGERS = ("driver", "stroke", "contact_depth", "grip_force", "speed")
+_OF_CUPS = ("lip", "vacuum_force")
 _FINGERS: dict[str, int] = {"suction": 0, "two_finger": 2, "three_finger": 3}
 
 
@@ -63,7 +65,7 @@ class HandFile(msgspec.Struct, forbid_unknown_fields=True):
     source: str
     assumed: list[str] = []
     driver: DriverFile | None = None
-    stroke: tuple[float, Positive] | None = None
+    stroke: tuple[Annotated[float, msgspec.Meta(ge=0.0)], Positive] | None = None
     contact_depth: Positive | None = None
     pads: list[PadFile] = []
     grip_force: Positive | None = None
@@ -146,12 +148,15 @@ class Hand:
         spec = read_yaml(path, HandFile)
         urdf = read_urdf(path.parent / spec.urdf)
         fingers = _FINGERS[spec.kind]
-        needed = (
-            ("lip", "vacuum_force") if fingers == 0 else ("driver", "stroke", "contact_depth", "grip_force", "speed")
-        )
+        needed, foreign = (_OF_FINGERS, _OF_CUPS) if fingers else (_OF_CUPS, _OF_FINGERS)
         for field in needed:
             if getattr(spec, field) is None:
                 raise InputError(f"{path}: {field}", f"missing, but kind is {spec.kind}", f"give {field}")
+        for field in foreign:
+            if getattr(spec, field) is not None:
+                raise InputError(f"{path}: {field}", f"given, but kind is {spec.kind}", f"leave {field} out")
+        if not urdf.shapes:
+            raise InputError(urdf.path, "no link has a collision shape", "give the links <collision> elements")
         if len(spec.pads) != fingers:
             raise InputError(f"{path}: pads", f"{len(spec.pads)} pads for kind {spec.kind}", f"give {fingers}")
         linkage = _Linkage.of(urdf, spec.driver, path)
@@ -182,7 +187,7 @@ class Hand:
         Raises:
             InputError: An opening lies outside the stroke.
         """
-        openings = np.atleast_1d(np.asarray(openings, dtype=float))
+        openings = np.atleast_1d(checked_numbers(openings, f"hand {self.name}: openings"))
         if not self.pads:
             return np.zeros((len(openings), 0))
         low, high = self.stroke
@@ -242,14 +247,18 @@ class Hand:
         if not self.pads:
             return
         _, reached = self._opening_table
-        if np.any(np.diff(reached) <= 0.0):
+        if not (np.diff(reached) > 0.0).all():
             raise InputError(
                 f"{path}: driver", "the opening does not grow from closed to open", "check open and closed"
             )
         low, high = self.stroke
-        if low < reached[0] - 1e-3 or high > reached[-1] + 1e-3 or low >= high:
+        if not reached[0] - 1e-3 <= low < high <= reached[-1] + 1e-3:
             cure = f"the fingers reach {reached[0]:.4f} to {reached[-1]:.4f} m"
             raise InputError(f"{path}: stroke", f"{low:g} to {high:g} m is not what the URDF gives", cure)
+        shortest = min(pad.size[1] for pad in self.pads)
+        if self.contact_depth > shortest:
+            cure = f"give at most the pads' height, {shortest:g} m"
+            raise InputError(f"{path}: contact_depth", f"{self.contact_depth:g} m lies beyond the pads", cure)
 
 
 @dataclass(frozen=True, eq=False)

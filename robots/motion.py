@@ -17,7 +17,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from ..errors import InputError, NoPathError, StartInCollisionError
-from ..transforms import Array
+from ..transforms import Array, checked_numbers
 from .collision import Pair, StateChecker
 from .paths import FREE_STEP, PathCheck
 from .scene import Scene
@@ -61,13 +61,18 @@ def plan_motion(
         Waypoints (k, nq), the first of them the state's configuration.
 
     Raises:
-        InputError: A goal is no configuration within the limits, or differs in joints of other arms.
+        InputError: There is no goal, a goal is no configuration within the limits or differs in joints of other arms,
+            or the seed is no natural number.
         StartInCollisionError: The start collides, or every goal does.
         NoPathError: The search came to its end; the error names the bodies that were in the way.
     """
     robot = scene.robot
     start = robot.checked_configuration(state.q, "start")
-    ends = [robot.checked_configuration(q, "goal") for q in np.atleast_2d(np.asarray(goals, dtype=float))]
+    ends = [robot.checked_configuration(q, "goal") for q in np.atleast_2d(checked_numbers(goals, "goal"))]
+    if not ends:
+        raise InputError("goal", "there is none", "give at least one configuration: did inverse kinematics answer?")
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError("seed", f"{seed!r} is no seed", "give a whole number from 0 upwards")
     moving = robot.indices(arms)
     still = np.setdiff1d(np.arange(len(start)), moving)
     if any((q[still] != start[still]).any() for q in ends):
@@ -80,7 +85,7 @@ def plan_motion(
         raise StartInCollisionError("every goal", checker.touching(ends[0]))
     free_ends.sort(key=lambda q: float(np.linalg.norm(q - start)))
     check = PathCheck(scene, state, arms, FREE_STEP)
-    search = _Search(checker, start, [robot.arm(arm).indices for arm in arms], robot.lower, robot.upper)
+    search = Search(checker, start, [robot.arm(arm).indices for arm in arms], robot.lower, robot.upper)
     for attempt in range(_ROUNDS):
         step = SEARCH_STEP / 2**attempt
         path = search.path(free_ends, step, seed + attempt, most_checks)
@@ -95,7 +100,7 @@ def plan_motion(
     raise NoPathError("no path passed the fine check", search.blocking())
 
 
-class _Search:
+class Search:
     """RRT-Connect over the joints of some arms, with the count of what was in the way."""
 
     def __init__(
@@ -160,8 +165,9 @@ class _Search:
         It looks where no joint is farther than ``room`` [rad or m] from the range between start and ends.
         """
         both = np.concatenate([start[None], ends])[:, joints]
-        lower = np.maximum(self._lower[joints], both.min(axis=0) - room)
-        upper = np.minimum(self._upper[joints], both.max(axis=0) + room)
+        # A start or goal may lie a rounding outside the limits: the bounds hold it all the same.
+        lower = np.clip(both.min(axis=0) - room, self._lower[joints], both.min(axis=0))
+        upper = np.clip(both.max(axis=0) + room, both.max(axis=0), self._upper[joints])
         dimension, q, floor = len(joints), start.copy(), max(self._left - most, 0)
 
         def free(state: Sequence[float]) -> bool:
@@ -178,7 +184,7 @@ class _Search:
             bounds.setLow(i, float(lower[i]))
             bounds.setHigh(i, float(upper[i]))
         space.setBounds(bounds)
-        ou.RNG.setSeed(seed + 1)
+        ou.RNG.setSeed(int(seed) + 1)
         setup = og.SimpleSetup(space)
         information = setup.getSpaceInformation()
         setup.setStateValidityChecker(free)

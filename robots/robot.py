@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import InputError, UnknownNameError
-from ..transforms import Array, checked_poses
+from ..transforms import Array, checked_numbers, checked_pose
 from .allowed import disabled_collisions
 from .arm import Arm
 from .chain import Chain
@@ -31,8 +31,11 @@ _LIMIT_SLACK = 1e-6
 
 
 class JointLimitFile(msgspec.Struct):
-    """A joint of MoveIt's joint_limits.yaml; limits are in rad/s and rad/s2, or m/s and m/s2."""
+    """A joint of MoveIt's joint_limits.yaml; limits are in rad, rad/s and rad/s2, or m, m/s and m/s2."""
 
+    has_position_limits: bool = False
+    min_position: float = -np.inf
+    max_position: float = np.inf
     has_velocity_limits: bool = False
     max_velocity: float = 0.0
     has_acceleration_limits: bool = False
@@ -75,26 +78,32 @@ class Robot:
         limits: str | Path | None = None,
         base: Array | None = None,
         package_dirs: Sequence[str | Path] = (),
+        home: str = "home",
     ) -> Robot:
         """Read a robot from its URDF and SRDF.
 
         Args:
             urdf: The URDF file.
-            srdf: The SRDF file: serial groups become arms, the state ``home`` the home configuration. Where it disables
-                no collisions, the pairs are found by sampling.
+            srdf: The SRDF file: serial groups become arms, the flange being the chain's tip or the link that the last
+                joint of the group carries. Where it disables no collisions, the pairs are found by sampling.
             limits: MoveIt's joint_limits.yaml; accelerations that it lacks are 5 rad/s2.
             base: Pose (4, 4) of the URDF's root in the world.
             package_dirs: Folders in which ``package://`` addresses are looked up.
+            home: The SRDF's state that is the home configuration; joints that it leaves out stand at zero, or at the
+                limit nearest to it.
 
         Raises:
             InputError: A file is missing or wrong, or the files do not fit together.
         """
         parsed = read_urdf(urdf, package_dirs)
         model = parsed.model
+        if not parsed.links:
+            raise InputError(parsed.path, "no link has a collision shape", "give the links <collision> elements")
         if base is not None:
-            _place(model, checked_poses(base, "base"))
+            base = checked_pose(base, "base")
+            _place(model, parsed.geometry, base)
         semantics = read_srdf(srdf)
-        acceleration = _apply_limits(model, limits)
+        acceleration = _apply_limits(model, parsed.path, limits)
         joints, placements = list(parsed.joints), parsed.placements
         if base is not None:
             fixed = np.array(joints) == 0
@@ -103,14 +112,14 @@ class Robot:
             Link(name, tuple(parsed.shapes[i] for i in members), placements[members], color, joints[members[0]])
             for name, members, color in _by_link(parsed.links, parsed.colors)
         )
-        home = _home(model, semantics)
-        arms = _arms(model, semantics, home)
+        start = _home(model, semantics, home)
+        arms = _arms(model, semantics, start)
         if semantics.disabled:
             disabled = _disabled(model, semantics)
         else:
             log.info("%s disables no collisions: the pairs that need no check are sampled", srdf)
             disabled = frozenset(frozenset(pair[:2]) for pair in disabled_collisions(model, parsed.geometry))
-        return cls(Path(urdf).stem, model, links, arms, home, acceleration, disabled)
+        return cls(Path(urdf).stem, model, links, arms, start, acceleration, disabled)
 
     def with_hand(self, arm: str, hand: Hand, flange_from_base: Array | None = None) -> Robot:
         """This robot with ``hand`` on the flange of ``arm``, its base at ``flange_from_base`` (4, 4).
@@ -118,7 +127,7 @@ class Robot:
         Raises:
             UnknownNameError: There is no such arm.
         """
-        mount = np.eye(4) if flange_from_base is None else checked_poses(flange_from_base, "flange_from_base")
+        mount = np.eye(4) if flange_from_base is None else checked_pose(flange_from_base, "flange_from_base")
         equipped = replace(self.arm(arm), hand=hand, flange_from_base=mount)
         return replace(self, arms={**self.arms, arm: equipped})
 
@@ -171,11 +180,27 @@ class Robot:
         return np.array(self.model.velocityLimit)
 
     def indices(self, arms: Iterable[str]) -> npt.NDArray[np.intp]:
-        """Places in a configuration of the joints of ``arms``, arm by arm."""
-        return np.concatenate([self.arm(name).indices for name in arms])
+        """Places in a configuration of the joints of ``arms``, arm by arm.
+
+        Raises:
+            InputError: No arm is given, one twice, or a single name instead of several.
+            UnknownNameError: There is no such arm.
+        """
+        names = list(arms)
+        if isinstance(arms, str) or not names or len(set(names)) < len(names):
+            raise InputError("arms", f"{arms!r} is no list of different arms", f"give some of {list(self.arms)}")
+        return np.concatenate([self.arm(name).indices for name in names])
 
     def with_joints(self, q: Array, arm: str, joints: Array) -> Array:
-        """Configurations (n, nq) like ``q`` (nq,) but with the joints of ``arm`` at ``joints`` (n, dof)."""
+        """Configurations (n, nq) like ``q`` (nq,) but with the joints of ``arm`` at ``joints`` (n, dof).
+
+        Raises:
+            InputError: The joints are of another shape.
+            UnknownNameError: There is no such arm.
+        """
+        if np.shape(joints)[1:] != self.arm(arm).indices.shape:
+            cure = f"give (n, {len(self.arm(arm).indices)})"
+            raise InputError(f"joints of {arm}", f"shape {np.shape(joints)}", cure)
         configurations = np.tile(q, (len(joints), 1))
         configurations[:, self.arm(arm).indices] = joints
         return configurations
@@ -196,8 +221,14 @@ class Robot:
         return array
 
     def flange(self, arm: str, q: Array) -> Array:
-        """Pose (4, 4) of the flange of ``arm`` in the world at ``q`` (nq,)."""
+        """Pose (4, 4) of the flange of ``arm`` in the world at ``q`` (nq,).
+
+        Raises:
+            InputError: ``q`` has another length.
+            UnknownNameError: There is no such arm.
+        """
         mounted, data = self.arm(arm), self.model.createData()
+        _sized(self, q, "q")
         pin.forwardKinematics(self.model, data, q)
         pose: Array = data.oMi[mounted.flange_joint].homogeneous @ mounted.joint_from_flange
         return pose
@@ -208,11 +239,16 @@ class Robot:
         return pose
 
 
-def _checked(robot: Robot, q: npt.ArrayLike, place: str) -> Array:
-    array = np.asarray(q, dtype=float)
+def _sized(robot: Robot, q: npt.ArrayLike, place: str) -> Array:
+    array = checked_numbers(q, place)
     if array.shape != (robot.model.nq,):
         names = ", ".join(robot.joint_names)
         raise InputError(place, f"shape {array.shape} is no configuration", f"give {robot.model.nq} numbers: {names}")
+    return array
+
+
+def _checked(robot: Robot, q: npt.ArrayLike, place: str) -> Array:
+    array = _sized(robot, q, place)
     inside = (array >= robot.lower - _LIMIT_SLACK) & (array <= robot.upper + _LIMIT_SLACK)
     if not inside.all():
         i = int(np.argmin(inside))
@@ -221,7 +257,7 @@ def _checked(robot: Robot, q: npt.ArrayLike, place: str) -> Array:
     return array
 
 
-def _place(model: pin.Model, base: Array) -> None:
+def _place(model: pin.Model, geometry: pin.GeometryModel, base: Array) -> None:
     """Move everything that hangs on the world to ``base``."""
     world = pin.SE3(base)
     for i in range(1, model.njoints):
@@ -230,28 +266,38 @@ def _place(model: pin.Model, base: Array) -> None:
     for frame in list(model.frames)[1:]:
         if frame.parentJoint == 0:
             frame.placement = world * frame.placement
+    for entry in geometry.geometryObjects:
+        if entry.parentJoint == 0:
+            entry.placement = world * entry.placement
 
 
-def _apply_limits(model: pin.Model, path: str | Path | None) -> Array:
-    """Set the velocity limits of ``path`` in the model; return the acceleration limits (nq,)."""
+def _apply_limits(model: pin.Model, urdf: Path, path: str | Path | None) -> Array:
+    """Set the position and velocity limits of ``path`` in the model; return the acceleration limits (nq,)."""
     acceleration = np.full(model.nv, DEFAULT_ACCELERATION)
     names = list(model.names)[1:]
     velocity = np.array(model.velocityLimit)
+    lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     if path is None:
         log.warning("no joint limits file: accelerations are taken as %g rad/s2", DEFAULT_ACCELERATION)
     else:
         for name, limit in read_yaml(Path(path), LimitsFile).joint_limits.items():
             if name not in names:
                 raise UnknownNameError(path, "joint", name, names)
+            i = names.index(name)
+            if limit.has_position_limits:
+                lower[i], upper[i] = max(lower[i], limit.min_position), min(upper[i], limit.max_position)
             if limit.has_velocity_limits:
-                velocity[names.index(name)] = limit.max_velocity
+                velocity[i] = limit.max_velocity
             if limit.has_acceleration_limits:
-                acceleration[names.index(name)] = limit.max_acceleration
+                acceleration[i] = limit.max_acceleration
     wrong = ~(np.isfinite(velocity) & (velocity > 0) & np.isfinite(acceleration) & (acceleration > 0))
     if wrong.any():
         problem = f"joint {names[int(np.argmax(wrong))]} has no positive velocity or acceleration limit"
-        raise InputError(path or "URDF", problem, "give one in the URDF or in the joint limits file")
-    model.velocityLimit = velocity
+        raise InputError(path or urdf, problem, "give one in the URDF or in the joint limits file")
+    if not (lower <= upper).all():
+        problem = f"joint {names[int(np.argmin(lower <= upper))]} has no position within its limits"
+        raise InputError(path or urdf, problem, "give a lower limit below the upper one")
+    model.velocityLimit, model.lowerPositionLimit, model.upperPositionLimit = velocity, lower, upper
     return acceleration
 
 
@@ -261,20 +307,24 @@ def _by_link(names: Sequence[str], colors: Array) -> list[tuple[str, list[int], 
     return [(name, members, colors[members[0]]) for name, members in places.items()]
 
 
-def _home(model: pin.Model, srdf: Srdf) -> Array:
-    """The state ``home``, joints that it leaves out at zero or at the limit nearest to it."""
+def _home(model: pin.Model, srdf: Srdf, wanted: str) -> Array:
+    """The state called ``wanted``, joints that it leaves out at zero or at the limit nearest to it."""
+    if wanted not in srdf.states:
+        if wanted != "home":
+            raise UnknownNameError(srdf.path, "group_state", wanted, tuple(srdf.states))
+        log.warning("%s has no state 'home' (it has %s): all joints at zero", srdf.path, list(srdf.states))
     home = np.clip(np.zeros(model.nq), model.lowerPositionLimit, model.upperPositionLimit)
     names = list(model.names)[1:]
     for state, joints in srdf.states.items():
         for name, value in joints.items():
             if name not in names:
                 raise UnknownNameError(f"{srdf.path}: group_state {state}", "joint", name, names)
-            if state == "home":
+            if state == wanted:
                 home[names.index(name)] = value
-    outside = (home < model.lowerPositionLimit - _LIMIT_SLACK) | (home > model.upperPositionLimit + _LIMIT_SLACK)
-    if outside.any():
-        name = names[int(np.argmax(outside))]
-        raise InputError(f"{srdf.path}: home", f"joint {name} is outside its limits", "choose one within them")
+    inside = (home >= model.lowerPositionLimit - _LIMIT_SLACK) & (home <= model.upperPositionLimit + _LIMIT_SLACK)
+    if not inside.all():
+        name = names[int(np.argmin(inside))]
+        raise InputError(f"{srdf.path}: {wanted}", f"joint {name} is outside its limits", "choose one within them")
     return home
 
 
@@ -287,7 +337,7 @@ def _arms(model: pin.Model, srdf: Srdf, home: Array) -> dict[str, Arm]:
             tip = group.chain[1]
         else:
             joints = _serial(model, group.joints, srdf.path)
-            tip = _link_below(model, joints[-1]) if joints else ""
+            tip = _child_of(model, group.joints[-1]) if joints else ""
         if not joints:
             continue
         frame = model.frames[model.getFrameId(tip, pin.FrameType.BODY)]
@@ -329,9 +379,10 @@ def _serial(model: pin.Model, names: Sequence[str], path: Path) -> list[int]:
     return joints if len(joints) >= 5 and linked else []
 
 
-def _link_below(model: pin.Model, joint: int) -> str:
-    """The last link that ``joint`` carries without another joint between."""
-    return str([f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY][-1])
+def _child_of(model: pin.Model, joint: str) -> str:
+    """The child link of ``joint``, which may be fixed."""
+    links = (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
+    return str(next(link.name for link in links if model.frames[link.parentFrame].name == joint))
 
 
 def _disabled(model: pin.Model, srdf: Srdf) -> frozenset[frozenset[str]]:

@@ -9,10 +9,12 @@ from functools import cached_property
 import numpy.typing as npt
 
 from ..errors import InputError, UnknownNameError
-from ..transforms import Array, checked_poses, invert
+from ..transforms import Array, checked_pose, invert
 from .collision import CollisionEngine, StateChecker
 from .robot import Robot
 from .state import CONTACT_TOLERANCE, Attachment, Body, Margins, SceneState
+
+_MOST_TOLERANCE = 0.01  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +26,20 @@ class Scene:
         bodies: Parts and obstacles by name.
         margins: Distances to keep.
         contact_tolerance: How far bodies in contact may sink into each other [m].
+
+    Raises:
+        InputError: The tolerance is no small distance.
     """
 
     robot: Robot
     bodies: Mapping[str, Body]
     margins: Margins = field(default_factory=Margins)
     contact_tolerance: float = CONTACT_TOLERANCE
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.contact_tolerance <= _MOST_TOLERANCE:
+            cure = f"give 0 to {_MOST_TOLERANCE} m"
+            raise InputError("contact_tolerance", f"{self.contact_tolerance} m is no tolerance", cure)
 
     @classmethod
     def of(
@@ -64,19 +74,19 @@ class Scene:
             InputError: A body is missing or unknown, a pose is not rigid, an opening is outside the stroke, or ``q`` is
                 no configuration within the limits.
         """
-        for name in (*poses, *self.bodies):
-            if name not in self.bodies or name not in poses:
-                known = tuple(self.bodies)
-                raise UnknownNameError("poses", "body" if name not in self.bodies else "pose for body", name, known)
+        for name in poses:
+            if name not in self.bodies:
+                raise UnknownNameError("poses", "body", name, tuple(self.bodies))
+        for name in self.bodies:
+            if name not in poses:
+                raise InputError(f"pose of {name}", "missing", "give a pose (4, 4) for every body of the scene")
         widest = {name: hand.stroke[1] for name, hand in self.robot.hands.items()}
-        state = SceneState(
+        asked = {**widest, **(openings or {})}
+        return SceneState(
             q=self.robot.home if q is None else self.robot.checked_configuration(q),
-            openings={**widest, **(openings or {})},
-            poses={name: checked_poses(pose, f"pose of {name}") for name, pose in poses.items()},
+            openings={name: self.robot.arm(name).checked_opening(opening) for name, opening in asked.items()},
+            poses={name: checked_pose(pose, f"pose of {name}") for name, pose in poses.items()},
         )
-        for name, opening in state.openings.items():
-            self.robot.arm(name).flange_from_hand(opening)
-        return state
 
     def world_from_body(self, state: SceneState, body: str) -> Array:
         """Pose (4, 4) of ``body`` in the world.
@@ -88,12 +98,23 @@ class Scene:
         return self.robot.flange(arm, state.q) @ pose if arm else pose
 
     def checker(self, state: SceneState, working: Collection[str] = ()) -> StateChecker:
-        """The collision checker of ``state`` at any configuration; hands of arms in ``working`` keep no margins."""
+        """The collision checker of ``state`` at any configuration; hands of arms in ``working`` keep no margins.
+
+        Raises:
+            InputError: An opening lies outside the stroke.
+            UnknownNameError: There is no arm that is working, or no body that a contact names.
+        """
+        for arm in working:
+            self.robot.arm(arm)
         return self._engine.checker(state, working)
 
     def touching(self, state: SceneState) -> tuple[tuple[str, str], ...]:
-        """Names of all touching pairs in ``state``."""
-        return self.checker(state).touching(state.q)
+        """Names of all touching pairs in ``state``.
+
+        Raises:
+            InputError: Its configuration has the wrong length or lies outside the limits, or an opening does.
+        """
+        return self.checker(state).touching(self.robot.checked_configuration(state.q, "state"))
 
     @cached_property
     def _engine(self) -> CollisionEngine:

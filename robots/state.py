@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from ..errors import InputError, UnknownNameError
-from ..transforms import Array
+from ..transforms import Array, checked_numbers, checked_pose
 from . import shapes
 from .rigid import Rigid
 from .shapes import Shape
@@ -39,7 +39,13 @@ class Body(Rigid):
 
     @classmethod
     def from_mesh(cls, name: str, mesh: trimesh.Trimesh, fixed: bool = False) -> Body:
-        """A body of triangles [m]."""
+        """A body of triangles [m].
+
+        Raises:
+            InputError: It has no triangles, or a corner that is not finite.
+        """
+        if not len(mesh.faces) or not np.isfinite(mesh.vertices).all():
+            raise InputError(f"body {name}", "no triangles, or a corner that is not finite", "mend the mesh")
         return cls.of(name, shapes.from_mesh(mesh), fixed)
 
     @classmethod
@@ -47,11 +53,12 @@ class Body(Rigid):
         """A box of ``size`` (3,) [m] about its own origin.
 
         Raises:
-            InputError: A side is not above zero.
+            InputError: A side is not above zero, or not finite.
         """
-        if np.shape(size) != (3,) or not (np.asarray(size) > 0.0).all():
+        sides = checked_numbers(size, f"box {name}")
+        if sides.shape != (3,) or not ((sides > 0.0) & np.isfinite(sides)).all():
             raise InputError(f"box {name}", f"sides {size}", "give three lengths above 0 m")
-        return cls.of(name, shapes.box(size), fixed)
+        return cls.of(name, shapes.box(sides), fixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +79,9 @@ class Contact:
     normal: Array
 
     def __post_init__(self) -> None:
-        normal = np.asarray(self.normal, dtype=float)
+        normal = checked_numbers(self.normal, f"contact {self.first} / {self.second}")
+        if self.first == self.second:
+            raise InputError(f"contact {self.first}", "a body does not touch itself", "name two bodies")
         if normal.shape != (3,) or not abs(np.linalg.norm(normal) - 1.0) < _UNIT_TOLERANCE:
             cure = "give a unit vector from the first body to the second"
             raise InputError(f"contact {self.first} / {self.second}", f"normal {normal} is no direction", cure)
@@ -110,6 +119,11 @@ class SceneState:
     attached: Mapping[str, Attachment] = field(default_factory=lambda: MappingProxyType({}))
     contacts: tuple[Contact, ...] = ()
 
+    def __post_init__(self) -> None:
+        q = checked_numbers(self.q, "state: q").copy()
+        q.setflags(write=False)
+        object.__setattr__(self, "q", q)
+
     def carrier(self, body: str) -> tuple[str, Array]:
         """The arm that carries ``body``, through other bodies or not, and the body's pose (4, 4) in its flange's frame.
 
@@ -130,14 +144,28 @@ class SceneState:
 
     def with_q(self, q: Array) -> SceneState:
         """This state at another configuration (nq,)."""
-        return replace(self, q=np.array(q, dtype=float))
+        return replace(self, q=q)
 
     def with_opening(self, arm: str, opening: float) -> SceneState:
-        """This state with the hand of ``arm`` at another opening [m]."""
+        """This state with the hand of ``arm`` at another opening [m].
+
+        Raises:
+            UnknownNameError: There is no such arm, or it has no hand.
+        """
+        if arm not in self.openings:
+            raise UnknownNameError("state", "arm with a hand", arm, tuple(self.openings))
         return replace(self, openings={**self.openings, arm: float(opening)})
 
     def with_pose(self, body: str, world_from_body: Array) -> SceneState:
-        """This state with a body that nothing carries at another pose (4, 4)."""
+        """This state with ``body`` at another pose (4, 4) in the world, carried by nothing.
+
+        Raises:
+            InputError: The pose is not rigid.
+            UnknownNameError: There is no such body.
+        """
+        if body not in self.poses and body not in self.attached:
+            raise UnknownNameError("state", "body", body, (*self.poses, *self.attached))
+        world_from_body = checked_pose(world_from_body, f"pose of {body}")
         attached = {name: entry for name, entry in self.attached.items() if name != body}
         return replace(self, poses={**self.poses, body: world_from_body}, attached=attached)
 

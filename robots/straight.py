@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..errors import UnreachableLineError
-from ..transforms import Array, checked_poses, compose, pose_distance, rotation_angle
+from ..errors import InputError, OffLineError, UnreachableLineError
+from ..transforms import Array, checked_pose, compose, pose_distance, rotation_angle
 from .paths import LINEAR_STEP, PathCheck
 from .scene import Scene
 from .state import SceneState
@@ -24,6 +24,10 @@ class LineTolerance:
 
     position: float = 1e-3
     angle: float = float(np.deg2rad(1.0))
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.position < np.inf and 0.0 < self.angle < np.inf):
+            raise InputError("line tolerance", f"{self.position} m and {self.angle} rad", "give numbers above 0")
 
 
 _LINE_STEP = LineTolerance(10e-3, float(np.deg2rad(3.0)))  # between waypoints at first
@@ -53,32 +57,34 @@ def plan_linear(
         Waypoints (k, nq), the first of them the state's configuration.
 
     Raises:
-        InputError: The pose is not rigid, or the arm has no hand.
-        UnreachableLineError: Inverse kinematics does not follow the line to its end, or not closely enough.
+        InputError: The pose is not rigid, the arm has no hand, or the state's configuration is outside the limits.
+        UnreachableLineError: Inverse kinematics does not follow the line to its end.
+        OffLineError: It does not follow it closely enough.
         BlockedError: Something touches on the way.
     """
     allowed = tolerance or LineTolerance()
     mounted = scene.robot.arm(arm)
     tip_from_hand = mounted.flange_from_hand(state.openings.get(arm, 0.0))[0]
-    start = mounted.chain.forward(state.q[None, mounted.indices])[0]
-    ends = np.stack([start @ tip_from_hand, checked_poses(world_from_hand, "end of the line")])
+    q = scene.robot.checked_configuration(state.q, "start")
+    start = mounted.chain.forward(q[None, mounted.indices])[0]
+    ends = np.stack([start @ tip_from_hand, checked_pose(world_from_hand, "end of the line")])
     length, angle = (float(value) for value in pose_distance(*ends))
     count = int(np.ceil(max(length / _LINE_STEP.position, angle / _LINE_STEP.angle, 1.0)))
     for _ in range(_ROUNDS):
         joints, reached = mounted.track(
-            state.q[mounted.indices],
+            q[mounted.indices],
             poses_on_line(ends, np.linspace(0.0, 1.0, count + 1)),
             state.openings.get(arm, 0.0),
         )
         if reached <= count:
-            raise UnreachableLineError(arm, length * max(reached - 1, 0) / count, length)
+            raise UnreachableLineError(arm, max(reached - 1, 0) / count, length, angle)
         between = mounted.chain.forward((joints[1:] + joints[:-1]) / 2.0) @ tip_from_hand
         if on_line(between, ends, allowed, _PATH_SHARE):
-            path = scene.robot.with_joints(state.q, arm, joints)
+            path = scene.robot.with_joints(q, arm, joints)
             PathCheck(scene, state, [arm], LINEAR_STEP, {arm, *working}).require_free(path)
             return path
         count *= 2
-    raise UnreachableLineError(arm, 0.0, length)
+    raise OffLineError(arm, allowed.position, allowed.angle)
 
 
 def poses_on_line(ends: Array, shares: Array) -> Array:

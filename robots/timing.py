@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..errors import BlockedError, NoPathError, PlanningError, UnreachableLineError
-from ..transforms import Array
+from ..errors import BlockedError, InputError, OffLineError, PlanningError
+from ..transforms import Array, checked_numbers
 from .arm import Arm
 from .paths import FREE_STEP, LINEAR_STEP, PathCheck
 from .scene import Scene
@@ -43,19 +43,29 @@ def time_motion(
         working: Arms whose hands need keep no margins.
 
     Raises:
+        InputError: A waypoint is no configuration within the limits, another joint than those of ``arms`` moves, or a
+            line is asked of several arms.
         BlockedError: The curve touches something however closely it follows the path.
-        UnreachableLineError: The curve leaves the line however closely it follows the path.
+        OffLineError: The curve leaves the line however closely it follows the path.
     """
     robot = scene.robot
+    still = np.setdiff1d(np.arange(robot.model.nq), robot.indices(arms))
+    path = np.array([robot.checked_configuration(q, "path") for q in checked_numbers(path, "path")])
+    if not len(path):
+        raise InputError("path", "it has no waypoint", "give waypoints (k, nq)")
+    if (path[:, still] != path[0, still]).any():
+        raise InputError("path", "a joint of no moving arm moves", f"move only {', '.join(arms)}")
+    if line is not None and len(arms) != 1:
+        raise InputError("line", f"asked of {len(arms)} arms", "give the one arm that follows the line")
     check = PathCheck(scene, state, arms, FREE_STEP if line is None else LINEAR_STEP, working)
-    fault: PlanningError = NoPathError("no curve was tried")
+    fault: PlanningError
     for deviation in _CORNER_CUTS if line is None else _LINE_CUTS:
         trajectory = time_path(
             path, robot.joint_names, robot.velocity, robot.acceleration, speed=speed, max_deviation=deviation
         )
         curve = trajectory.sample(_between(trajectory.times))
         if line is not None and not _on_its_line(robot.arm(arms[0]), state, path, curve, line):
-            fault = UnreachableLineError(arms[0], 0.0, 0.0)
+            fault = OffLineError(arms[0], line.position, line.angle)
             continue
         try:
             check.require_free(curve)

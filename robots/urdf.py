@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -65,7 +66,8 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
             folders above the file.
 
     Raises:
-        InputError: The file is missing, is no URDF, or names a mesh that is missing or cannot be read.
+        InputError: The file is missing, is no URDF, or has a collision shape that is missing, of no size, or cannot
+            be read.
     """
     path = Path(path)
     text = read_text(path, "URDF")
@@ -75,19 +77,20 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             _bound(joint)
-    text = ElementTree.tostring(root, encoding="unicode")
+    _check_shapes(path, root)
     try:
+        text = ElementTree.tostring(root, encoding="unicode")
         model = pin.buildModelFromXML(text)
-    except (ValueError, RuntimeError, IndexError) as error:
+    except (ValueError, RuntimeError, IndexError, RecursionError) as error:
         raise InputError(path, f"not a valid URDF ({_first_line(error)})", "check it with check_urdf") from error
-    folders = [str(folder) for folder in (*package_dirs, *_shared_folders(), *path.resolve().parents[:4])]
-    try:
-        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, None, folders)
-    except (ValueError, RuntimeError) as error:
-        cure = "put the mesh where the URDF says, or name its package folder in package_dirs"
-        raise InputError(path, f"a collision mesh cannot be read ({_first_line(error)})", cure) from error
-    objects = list(geometry.geometryObjects)
     _check(path, model)
+    geometry = _geometry(path, model, text, package_dirs)
+    objects = list(geometry.geometryObjects)
+    given = sum(len(link.findall("collision")) for link in root.findall("link"))
+    if len(objects) != given:
+        # The parser leaves out what it cannot read, and the robot would pass through things in silence.
+        problem = f"only {len(objects)} of {given} collision shapes can be read"
+        raise InputError(path, problem, "give each a geometry (box, cylinder, sphere or mesh) and finite numbers")
     return Urdf(
         path=path,
         model=model,
@@ -99,6 +102,38 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
         colors=np.array([entry.meshColor for entry in objects], dtype=float).reshape(-1, 4),
         mimics=_mimics(root),
     )
+
+
+def _geometry(path: Path, model: pin.Model, text: str, package_dirs: Sequence[str | Path]) -> pin.GeometryModel:
+    """The collision shapes of a URDF's ``text``, their meshes found and looked through."""
+    folders = [str(folder) for folder in (*package_dirs, *_shared_folders(), *path.resolve().parents[:4])]
+    try:
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, None, folders)
+    except (ValueError, RuntimeError) as error:
+        cure = "put the mesh where the URDF says, or name its package folder in package_dirs"
+        raise InputError(path, f"a collision mesh cannot be read ({_first_line(error)})", cure) from error
+    for entry in geometry.geometryObjects:
+        if isinstance(entry.geometry, coal.BVHModelBase):
+            corners = entry.geometry.vertices()
+            if not np.isfinite(corners).all() or not np.ptp(corners, axis=0).any():
+                place = f"{path}: link {model.frames[entry.parentFrame].name}"
+                problem = "its collision mesh has no size, or a corner that is not finite"
+                raise InputError(place, problem, "mend the mesh and its scale")
+    return geometry
+
+
+def _check_shapes(path: Path, root: ElementTree.Element) -> None:
+    """Refuse sides, radii and lengths of collision shapes that are not above zero."""
+    for link in root.findall("link"):
+        for shape in link.findall("collision/geometry/*"):
+            for field in ("size", "radius", "length"):
+                try:
+                    wrong = not all(0.0 < float(number) < np.inf for number in shape.get(field, "1").split())
+                except ValueError:
+                    wrong = True
+                if wrong:
+                    place = f"{path}: link {link.get('name')}: {shape.tag}"
+                    raise InputError(place, f"{field}={shape.get(field)!r}", "give finite numbers above 0 m")
 
 
 def _shapes(objects: Sequence[pin.GeometryObject]) -> tuple[Shape, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from kumitate.errors import InputError, UnknownNameError
 from kumitate.robots import library
@@ -221,3 +223,135 @@ def test_kinematics_of_the_whole_robot_agree_with_pinocchio(rng):
             expected = data.oMf[robot.model.getFrameId(f"{name}_flange")].homogeneous
             np.testing.assert_allclose(robot.flange(name, q), expected, atol=1e-12)
             np.testing.assert_allclose(arm.chain.forward(q[None, arm.indices])[0], expected, atol=1e-10)
+
+
+BOX = '<collision><geometry><box size="0.05 0.05 0.05"/></geometry></collision>'
+CHAIN_SRDF = '<robot name="r"><group name="arm"><chain base_link="l0" tip_link="l3"/></group>{}</robot>'
+
+
+def own(tmp_path: Path, shape: str = BOX, srdf: str = CHAIN_SRDF.format(""), limits: str | None = None, **options):
+    """A robot of three joints about z and x."""
+    links = "".join(f'<link name="l{i}">{shape}</link>' for i in range(4))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="0.1 0 0"/>'
+        f'<axis xyz="{axis}"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        for i, axis in enumerate(("0 0 1", "1 0 0", "0 0 1"))
+    )
+    files = {"r.urdf": f'<robot name="r">{links}{joints}</robot>', "r.srdf": srdf, "limits.yaml": limits or ""}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    return Robot.load(tmp_path / "r.urdf", tmp_path / "r.srdf", tmp_path / "limits.yaml" if limits else None, **options)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"0.05 0.05 0.05"', '"0.05 0.05"', "0 of 4 collision shapes"),
+        ("<collision>", '<collision><origin xyz="a 0 0"/>', "0 of 4 collision shapes"),
+        ('<box size="0.05 0.05 0.05"/>', "", "0 of 4 collision shapes"),
+        (BOX, "", "no link has a collision shape"),
+        ('"0.05 0.05 0.05"', '"0.05 -0.05 0.05"', "link l0: box.*above 0"),
+        ('"0.05 0.05 0.05"', '"nan 0.05 0.05"', "link l0: box.*above 0"),
+        ('box size="0.05 0.05 0.05"', 'cylinder radius="0" length="0.1"', "link l0: cylinder.*above 0"),
+        (
+            'box size="0.05 0.05 0.05"',
+            'mesh filename="part.stl" scale="0 0 0"',
+            "link l0: its collision mesh has no size",
+        ),
+        ('box size="0.05 0.05 0.05"', 'mesh filename="nan.stl"', "link l0: its collision mesh.*not finite"),
+    ],
+)
+def test_no_collision_shape_is_left_out_in_silence(tmp_path, old, new, message):
+    stl = trimesh.creation.box([0.05] * 3).export(file_type="stl")
+    (tmp_path / "part.stl").write_bytes(stl)
+    (tmp_path / "nan.stl").write_bytes(stl[:96] + np.float32(np.nan).tobytes() + stl[100:])
+    with pytest.raises(InputError, match=message):
+        own(tmp_path, BOX.replace(old, new))
+
+
+def test_a_mesh_used_at_two_scales_has_two_sizes(tmp_path):
+    (tmp_path / "part.stl").write_bytes(trimesh.creation.box([0.02] * 3).export(file_type="stl"))
+    pair = "".join(
+        f'<collision><geometry><mesh filename="part.stl" scale="{s} {s} {s}"/></geometry></collision>' for s in (1, 2)
+    )
+    sizes = [shape.mesh.extents for shape in own(tmp_path, pair).links[0].shapes]
+    np.testing.assert_allclose(sizes, [[0.02] * 3, [0.04] * 3], atol=1e-6)
+
+
+def test_pairs_that_need_no_check_are_the_same_wherever_the_base_stands(tmp_path):
+    bare = re.sub("<disable_collisions[^>]*/>", "", (FOLDER / "nextage.srdf").read_text())
+    (tmp_path / "nextage.srdf").write_text(bare)
+    files = (FOLDER / "nextage.urdf", tmp_path / "nextage.srdf", FOLDER / "nextage_limits.yaml")
+    here, there = Robot.load(*files), Robot.load(*files, base=pose([3.0, 0.0, 0.5], [0.0, 0.0, 1.0]))
+    assert here.disabled == there.disabled
+
+
+def test_limits_files_narrow_positions_and_set_velocities(tmp_path):
+    text = "joint_limits:\n  j1: {has_position_limits: true, min_position: -0.5, max_position: 2.0}\n"
+    robot = own(tmp_path, limits=text + "  j2: {has_velocity_limits: true, max_velocity: 0.25}\n")
+    np.testing.assert_array_equal(robot.lower, [-1.0, -0.5, -1.0])
+    np.testing.assert_array_equal(robot.upper, [1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(robot.velocity, [1.0, 1.0, 0.25])
+    np.testing.assert_array_equal(robot.arms["arm"].chain.lower, robot.lower)
+    with pytest.raises(InputError, match="j1 has no position"):
+        own(tmp_path, limits=text.replace("-0.5", "1.5"))
+    with pytest.raises(InputError, match="no valid YAML"):
+        own(tmp_path, limits="joint_limits: 2020-13-45")
+
+
+@pytest.mark.parametrize("value", ["nan", "3"])
+def test_a_home_that_is_no_configuration_is_refused(tmp_path, value):
+    state = f'<group_state name="home" group="arm"><joint name="j1" value="{value}"/></group_state>'
+    with pytest.raises(InputError, match="j1 is outside its limits"):
+        own(tmp_path, srdf=CHAIN_SRDF.format(state))
+
+
+def test_a_robot_comes_in_with_the_srdf_that_ships_with_it(caplog):
+    folder = robot_data() / "panda_description"
+    files = folder / "urdf/panda.urdf", folder / "srdf/panda.srdf"
+    panda = Robot.load(*files, home="default")
+    assert panda.home[panda.joint_names.index("panda_joint4")] == -2.35619
+    # The group lists joints 1 to 7: its flange is what joint 7 carries, not something farther out.
+    assert panda.arms["arm"].flange == "panda_link7"
+    scene = Scene.of(panda, [])
+    assert scene.touching(scene.state({})) == ()
+    with pytest.raises(UnknownNameError, match="default"):
+        Robot.load(*files, home="ready")
+    caplog.clear()
+    Robot.load(*files)
+    assert "no state 'home' (it has ['default'])" in caplog.text
+
+
+def test_a_hand_stands_where_it_is_mounted():
+    mount = pose([0.01, 0.02, 0.03], [0.4, 0.5, 0.6])
+    robot = load_robot("nextage").with_hand("left", load_hand("robotiq_2f85"), mount)
+    expected = robot.flange("left", robot.home) @ mount @ load_hand("robotiq_2f85").base_from_hand(0.04)[0]
+    np.testing.assert_allclose(robot.hand_pose("left", robot.home, 0.04), expected, atol=1e-12)
+    answers = robot.arms["left"].solve_ik(expected, 0.04).q
+    for q in robot.with_joints(robot.home, "left", answers):
+        np.testing.assert_allclose(robot.hand_pose("left", q, 0.04), expected, atol=2e-6)
+    assert len(answers)
+
+
+@pytest.mark.parametrize("arms", [[], "left", ["left", "left"], ["lef"]])
+def test_arms_are_a_list_of_different_ones(arms):
+    with pytest.raises(InputError, match="arm"):
+        load_robot("nextage").indices(arms)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 4, 4)), np.zeros((4, 4)), "here", [1, 2, 3]])
+def test_a_base_or_a_mount_that_is_not_one_pose_is_refused(wrong):
+    with pytest.raises(InputError, match="base"):
+        load_robot("nextage", base=wrong)
+    with pytest.raises(InputError, match="flange_from_base"):
+        load_robot("nextage").with_hand("left", load_hand("robotiq_2f85"), wrong)
+
+
+def test_numbers_of_the_wrong_shape_are_refused():
+    robot = load_robot("nextage", {"left": "robotiq_2f85"})
+    with pytest.raises(InputError, match="joints of left"):
+        robot.with_joints(robot.home, "left", np.zeros((2, 3)))
+    with pytest.raises(InputError, match="15 numbers"):
+        robot.hand_pose("left", np.zeros(3), 0.04)
+    with pytest.raises(InputError, match="2 openings for 3 targets"):
+        robot.arms["left"].solve_ik(np.tile(np.eye(4), (3, 1, 1)), [0.01, 0.02])
