@@ -87,7 +87,8 @@ def rotation_angle(rotation: Array) -> Array:
         ],
         axis=-1,
     )
-    return np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
+    angle: Array = np.arctan2(np.linalg.norm(skew, axis=-1), np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
+    return angle
 
 
 def pose_distance(a: Array, b: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session")
 def paper_objects() -> Path:
-    """Folder of the paper's meshes (not part of the project): KUMITATE_OBJECTS, or ../shared/objects beside the checkout."""
+    """Folder of the paper's meshes, which are no part of the project: KUMITATE_OBJECTS, or one beside the checkout."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "objects"
     folder = Path(os.environ.get("KUMITATE_OBJECTS", beside))
     if not (folder / "housing.stl").is_file():

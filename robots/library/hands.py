@@ -151,11 +151,12 @@ def hrp5p_three_finger() -> tuple[Robot, Description]:
 
     closed, tilt = angle(0.0), angle(parallel_at)
 
-    def behind_face(side: float, depth: float) -> list[tuple[float, float]]:
-        """Lower and upper end (x, z) of the pad's middle line, ``depth`` behind its face."""
+    def behind_face(side: float, depth: float, thickness: float, colour: str) -> Shape:
+        """A layer of the pad whose middle lies ``depth`` behind its face."""
         along, back = (side * math.sin(tilt), math.cos(tilt)), (side * math.cos(tilt), -math.sin(tilt))
         middle = (side * -face + depth * back[0], contact + depth * back[1])
-        return [(middle[0] + h * along[0], middle[1] + h * along[1]) for h in (-pad_length / 2, pad_length / 2)]
+        low, high = ((middle[0] + h * along[0], middle[1] + h * along[1]) for h in (-pad_length / 2, pad_length / 2))
+        return bar(low, high, thickness, (-width / 2, width / 2), colour)
 
     hand.links.append(
         Link(
@@ -186,8 +187,8 @@ def hrp5p_three_finger() -> tuple[Robot, Description]:
             _block((s * -0.005, s * 0.014), width, (0.0, 0.042), "silver"),
             cylinder((s * 0.003, 0, 0.046), 0.0075, width, "grey", ALONG_Y),
             _block((s * -0.005, s * 0.010), width, (0.050, 0.064), "silver"),
-            bar(*behind_face(s, 0.008), 0.008, (-width / 2, width / 2), "silver"),
-            bar(*behind_face(s, 0.002), 0.004, (-width / 2, width / 2), "rubber"),
+            behind_face(s, 0.008, 0.008, "silver"),
+            behind_face(s, 0.002, 0.004, "rubber"),
         )
         frame = (0.0, -tilt, _facing(s)[2])
         hand.add(Joint(f"{name}_pad_joint", name, f"{name}_pad", (s * -face, 0, contact), frame))
