@@ -206,17 +206,18 @@ def test_a_ball_has_none_and_half_a_ball_its_flat_side():
     np.testing.assert_allclose(flat.margin, np.arctan(8.0 / 3.0), atol=0.03)  # its weight is 3/8 of the radius up
 
 
-def test_a_base_beside_a_shallow_ledge_that_lies_higher_is_no_rolling_surface():
-    """The part rocks over to the ledge, 15 deg away, but does not roll there by itself: the base is the lower one."""
-    rise = np.tan(np.radians(15.0)) * 0.03
-    profile = np.array([[-0.03, 0.0], [0.01, 0.0], [0.04, rise], [0.04, 0.05], [-0.03, 0.05]])
+@pytest.mark.parametrize(("slope", "tall", "ledge_margin"), [(15.0, 0.050, (1.0, 5.0)), (19.0, 0.053, (5.0, 7.0))])
+def test_a_base_is_kept_and_a_shallow_ledge_beside_it_that_lies_higher_is_not(slope, tall, ledge_margin):
+    """The part rocks over to the ledge when tilted far enough, but rolls by itself only from there to the base."""
+    rise = np.tan(np.radians(slope)) * 0.03
+    profile = np.array([[-0.03, 0.0], [0.01, 0.0], [0.04, rise], [0.04, tall], [-0.03, tall]])
     vertices = np.vstack([np.column_stack([np.full(5, y), profile]) for y in (-0.05, 0.05)])
     part = part_of(trimesh.convex.convex_hull(vertices))
-    tilt = np.degrees(np.arctan2(0.01 - part.center_of_mass[1], part.center_of_mass[2]))
-    assert 10.0 < tilt < 15.0  # both the base and the ledge hold the weight
+    base_margin = np.degrees(np.arctan2(0.01 - part.center_of_mass[1], part.center_of_mass[2]))
+    assert ledge_margin[0] < slope - base_margin < ledge_margin[1]  # both hold the weight
     down = normals(part, find_placements(part))
     assert (down @ [0.0, 0.0, -1.0] > 0.999).any()
-    assert not (down @ [0.0, np.sin(np.radians(15.0)), -np.cos(np.radians(15.0))] > 0.999).any()
+    assert not (down @ [0.0, np.sin(np.radians(slope)), -np.cos(np.radians(slope))] > 0.999).any()
 
 
 def test_a_nearly_flat_bottom_of_many_faces_is_one_face(rng):
