@@ -11,15 +11,18 @@ import itertools
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import UnknownNameError
 from ..transforms import Array, invert, transform_points
-from .rigid import Rigid
+from .rigid import BREAK_DISTANCE, Nest, Rigid
 from .robot import Robot
+from .shapes import Piece
 from .state import Body, Margins, SceneState
 
 Pair = tuple[str, str]
@@ -47,6 +50,27 @@ class _Mode:
     normals: dict[int, list[tuple[int, Array]]]
 
 
+class _Part(NamedTuple):
+    """A piece of a body, the number of its object, and those of its exact shapes in the exact geometry."""
+
+    piece: Piece
+    number: int
+    exact: list[int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """Two pieces of a pair of bodies: what decides whether the bodies touch there if the pieces do.
+
+    ``exact`` are pairs of exact shapes, none where the pieces are the bodies themselves; ``nests`` are ways in which
+    one body may lie inside the other, each with the numbers of the outer and the inner object.
+    """
+
+    pair: int
+    exact: list[int]
+    nests: list[tuple[Nest, int, int]]
+
+
 class StateChecker:
     """Decides which configurations are free of collision, everything but the joints being as in one state.
 
@@ -69,7 +93,7 @@ class StateChecker:
 
     def free(self, q: Array) -> bool:
         """Whether nothing touches at configuration ``q`` (nq,)."""
-        return self.first_touching(q) is None
+        return not (self.static or self._engine.touching(self._mode, q, first_only=True))
 
     def first_touching(self, q: Array) -> Pair | None:
         """A touching pair at configuration ``q`` (nq,), or None where it is free."""
@@ -134,48 +158,45 @@ class CollisionEngine:
         return [(a, b) for a, b in numbered if checked(self._names[a], self._names[b])]
 
     def _build_geometry(self) -> None:
-        """The pinocchio geometry: an object for each convex piece, a pair for each two pieces of a body pair."""
-        model = pin.GeometryModel()
-        self._pieces: list[list[tuple[int, Array]]] = []
-        for name, rigid in zip(self._names, self._rigids, strict=True):
-            objects = [pin.GeometryObject(name, 0, pin.SE3.Identity(), geometry) for geometry, _ in rigid.cover]
-            placements = [placement for _, placement in rigid.cover]
-            for i, entry in enumerate(objects):
-                entry.name = f"{name}:{i}"
-            self._pieces.append([(model.addGeometryObject(o), p) for o, p in zip(objects, placements, strict=True)])
+        """Two pinocchio geometries: convex pieces, paired over all body pairs, and the exact shapes they stand for."""
+        self._geometry, self._exact = pin.GeometryModel(), pin.GeometryModel()
+        self._placed: list[list[tuple[pin.GeometryModel, int, Array]]] = [[] for _ in self._names]
+        parts = [[self._add_piece(body, piece) for piece in rigid.cover] for body, rigid in enumerate(self._rigids)]
         self._members: list[list[int]] = []
-        self._pair_of: list[int] = []
+        self._meetings: list[_Meeting] = []
         for pair, (a, b) in enumerate(self._pairs):
-            both = list(itertools.product(self._pieces[a], self._pieces[b]))
-            for (first, _), (second, _) in both:
-                model.addCollisionPair(pin.CollisionPair(first, second))
-            self._members.append(list(range(len(self._pair_of), len(self._pair_of) + len(both))))
-            self._pair_of += [pair] * len(both)
-        self._geometry = model
-        self._geometry_data = pin.GeometryData(model)
-        self._exact, self._shapes, self._exact_members = self._exact_geometry()
-        self._exact_data = pin.GeometryData(self._exact)
+            start = len(self._meetings)
+            for first, second in itertools.product(parts[a], parts[b]):
+                self._geometry.addCollisionPair(pin.CollisionPair(first.number, second.number))
+                nests = [*self._nests(a, first, b, second), *self._nests(b, second, a, first)]
+                self._meetings.append(_Meeting(pair, self._exact_pairs(first, second), nests))
+            self._members.append(list(range(start, len(self._meetings))))
         self._data = self._model.createData()
+        self._geometry_data, self._exact_data = pin.GeometryData(self._geometry), pin.GeometryData(self._exact)
         self._manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._geometry, self._geometry_data)
         self._callback = pin.CollisionCallBackDefault(self._geometry, self._geometry_data, True)
 
-    def _exact_geometry(self) -> tuple[pin.GeometryModel, list[list[tuple[int, Array]]], list[list[int]]]:
-        """The pinocchio geometry of all exact shapes, and for each body pair its pairs of shapes."""
-        model = pin.GeometryModel()
-        shapes = []
-        for name, rigid in zip(self._names, self._rigids, strict=True):
-            objects = [
-                pin.GeometryObject(f"{name}:{i}", 0, pin.SE3.Identity(), shape.geometry)
-                for i, shape in enumerate(rigid.shapes)
-            ]
-            shapes.append([(model.addGeometryObject(o), p) for o, p in zip(objects, rigid.placements, strict=True)])
-        members = []
-        for a, b in self._pairs:
-            start = len(model.collisionPairs)
-            for (first, _), (second, _) in itertools.product(shapes[a], shapes[b]):
-                model.addCollisionPair(pin.CollisionPair(first, second))
-            members.append(list(range(start, len(model.collisionPairs))))
-        return model, shapes, members
+    def _add_piece(self, body: int, piece: Piece) -> _Part:
+        number = self._add(self._geometry, body, piece.geometry, piece.placement)
+        shapes = piece.exact or ((piece.geometry, piece.placement),)
+        return _Part(piece, number, [self._add(self._exact, body, *shape) for shape in shapes])
+
+    def _add(self, model: pin.GeometryModel, body: int, geometry: coal.CollisionGeometry, placement: Array) -> int:
+        name = f"{self._names[body]}:{model.ngeoms}"
+        number: int = model.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), geometry))
+        self._placed[body].append((model, number, placement))
+        return number
+
+    def _exact_pairs(self, first: _Part, second: _Part) -> list[int]:
+        start = len(self._exact.collisionPairs)
+        if first.piece.exact or second.piece.exact:
+            for numbers in itertools.product(first.exact, second.exact):
+                self._exact.addCollisionPair(pin.CollisionPair(*numbers))
+        return list(range(start, len(self._exact.collisionPairs)))
+
+    def _nests(self, outer: int, around: _Part, inner: int, part: _Part) -> list[tuple[Nest, int, int]]:
+        nest = Nest.between(self._rigids[outer], around.piece, self._rigids[inner], part.piece)
+        return [(nest, around.number, part.number)] if nest else []
 
     # States -----------------------------------------------------------------------------------------------------------
 
@@ -219,22 +240,27 @@ class CollisionEngine:
 
     def touching(self, mode: _Mode, q: Array, first_only: bool) -> tuple[Pair, ...]:
         """Touching pairs at ``q`` among those that joints move; at most one of them if ``first_only``."""
-        self._enter(mode)
+        if self._current is not mode:
+            self._enter(mode)
+        if not pin.computeCollisions(self._model, self._data, self._manager, self._callback, q):
+            return ()
         found: list[Pair] = []
         silenced: list[int] = []
         try:
-            while pin.computeCollisions(self._model, self._data, self._manager, self._callback, q):
-                pair = self._pair_of[self._callback.collisionPairIndex]
-                if self._moved_touch(mode, pair):
-                    found.append(self._named(pair))
+            while self._callback.collision:
+                member = self._callback.collisionPairIndex
+                touches, settled = self._decide(mode, member)
+                if touches:
+                    found.append(self._named(self._meetings[member].pair))
                     if first_only:
                         break
-                for piece_pair in self._members[pair]:
-                    self._geometry_data.deactivateCollisionPair(piece_pair)
-                silenced += self._members[pair]
+                for other in settled:
+                    self._geometry_data.deactivateCollisionPair(other)
+                silenced += settled
+                pin.computeCollisions(self._manager, self._callback)
         finally:
-            for piece_pair in silenced:
-                self._geometry_data.activateCollisionPair(piece_pair)
+            for member in silenced:
+                self._geometry_data.activateCollisionPair(member)
         return tuple(found)
 
     # Modes ------------------------------------------------------------------------------------------------------------
@@ -272,18 +298,15 @@ class CollisionEngine:
     def _enter(self, mode: _Mode) -> None:
         """Change placements, active pairs and margins in place, where ``mode`` differs from the current one."""
         old, self._current = self._current, mode
-        if old is mode:
-            return
         if old is None:
             changed = flipped = remargined = slice(None)
         else:
             changed = (mode.joints != old.joints) | (mode.poses != old.poses).any(axis=(1, 2))
             flipped, remargined = mode.moving != old.moving, mode.margins != old.margins
         for body in np.arange(len(self._names))[changed]:
-            for model, parts in ((self._geometry, self._pieces[body]), (self._exact, self._shapes[body])):
-                for part, placement in parts:
-                    model.geometryObjects[part].parentJoint = int(mode.joints[body])
-                    model.geometryObjects[part].placement = pin.SE3(mode.poses[body] @ placement)
+            for model, number, placement in self._placed[body]:
+                model.geometryObjects[number].parentJoint = int(mode.joints[body])
+                model.geometryObjects[number].placement = pin.SE3(mode.poses[body] @ placement)
         turn_on, turn_off = self._geometry_data.activateCollisionPair, self._geometry_data.deactivateCollisionPair
         for pair in np.arange(len(self._pairs))[flipped]:
             change = turn_on if mode.moving[pair] else turn_off
@@ -291,12 +314,11 @@ class CollisionEngine:
                 change(piece_pair)
         for pair in np.arange(len(self._pairs))[remargined]:
             margin = max(float(mode.margins[pair]), _LEAST_MARGIN)
-            for data, members in (
-                (self._geometry_data, self._members[pair]),
-                (self._exact_data, self._exact_members[pair]),
-            ):
-                for member in members:
-                    data.collisionRequests[member].security_margin = margin
+            for member in self._members[pair]:
+                self._geometry_data.collisionRequests[member].security_margin = margin
+                for exact in self._meetings[member].exact:
+                    self._exact_data.collisionRequests[exact].security_margin = margin
+                    self._exact_data.collisionRequests[exact].break_distance = BREAK_DISTANCE
         self._manager.update(True)
 
     # Exact checks -----------------------------------------------------------------------------------------------------
@@ -305,23 +327,22 @@ class CollisionEngine:
         a, b = self._pairs[pair]
         return self._names[a], self._names[b]
 
-    def _moved_touch(self, mode: _Mode, pair: int) -> bool:
-        """Whether two bodies whose pieces touch at the configuration just checked touch themselves."""
-        a, b = self._pairs[pair]
-        if pair not in mode.normals:
-            if self._rigids[a].exact_cover and self._rigids[b].exact_cover:
-                return True
-            pin.updateGeometryPlacements(self._model, self._data, self._exact, self._exact_data)
-            if any(pin.computeCollision(self._exact, self._exact_data, i) for i in self._exact_members[pair]):
-                return True
-        frames = [self._data.oMi[int(mode.joints[i])].homogeneous for i in (a, b)]
-        if pair in mode.normals:
-            return self._touch(mode, pair, *frames)
-        pose_a, pose_b = frames[0] @ mode.poses[a], frames[1] @ mode.poses[b]
-        a_from_b = invert(pose_a) @ pose_b
-        return self._rigids[a].encloses(self._rigids[b], a_from_b) or self._rigids[b].encloses(
-            self._rigids[a], invert(a_from_b)
-        )
+    def _decide(self, mode: _Mode, member: int) -> tuple[bool, list[int]]:
+        """Whether bodies of which two pieces touch do so themselves, and the pairs of pieces that this settles."""
+        meeting = self._meetings[member]
+        whole = self._members[meeting.pair]
+        if meeting.pair in mode.normals:
+            frames = [self._data.oMi[int(mode.joints[i])].homogeneous for i in self._pairs[meeting.pair]]
+            return self._touch(mode, meeting.pair, *frames), whole
+        if not meeting.exact:
+            return True, whole
+        pin.updateGeometryPlacements(self._model, self._data, self._exact, self._exact_data)
+        if any(pin.computeCollision(self._exact, self._exact_data, i) for i in meeting.exact):
+            return True, whole
+        poses = self._geometry_data.oMg
+        if any(nest.holds(poses[outer].actInv(poses[inner]).homogeneous) for nest, outer, inner in meeting.nests):
+            return True, whole
+        return False, [member]
 
     def _touch(self, mode: _Mode, pair: int, frame_a: Array, frame_b: Array) -> bool:
         """Whether two bodies, their joints' frames at ``frame_a`` and ``frame_b``, touch more than contacts excuse."""

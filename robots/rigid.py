@@ -11,7 +11,11 @@ import numpy.typing as npt
 import trimesh
 
 from ..transforms import Array, invert, transform_points
-from .shapes import Shape, cover
+from .shapes import Piece, Shape, cover
+
+# Boxes around triangles that are this much farther apart than the distance to keep [m] are not opened: near contact
+# coal's own millimetre opens many more.
+BREAK_DISTANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +35,8 @@ class Rigid:
     color: Array
 
     @cached_property
-    def cover(self) -> tuple[tuple[coal.CollisionGeometry, Array], ...]:
-        """Few convex shapes, each with its placement (4, 4), that together cover all shapes."""
+    def cover(self) -> tuple[Piece, ...]:
+        """Few convex pieces that together cover all shapes, and what their surfaces enclose."""
         return cover(self.shapes, self.placements)
 
     @cached_property
@@ -42,9 +46,10 @@ class Rigid:
         return trimesh.util.concatenate(moved)
 
     @cached_property
-    def exact_cover(self) -> bool:
-        """Whether the cover is the body itself."""
-        return [geometry for geometry, _ in self.cover] == [shape.geometry for shape in self.shapes]
+    def room(self) -> Array:
+        """Longest side [m] and volume [m3] (2,) that nothing inside one of the unfilled surfaces exceeds."""
+        volume = sum(piece.volume for piece in self.cover)
+        return np.array([2.0 * self.balls[self._hollow, 3].max(), volume]) if len(self._hollow) else np.zeros(2)
 
     @cached_property
     def corners(self) -> Array:
@@ -113,9 +118,44 @@ class Rigid:
         return np.linalg.norm(self.balls[:, None, :3] - centres, axis=-1)
 
 
+@dataclass(frozen=True, eq=False)
+class Nest:
+    """A body whose surfaces may enclose something of another one that begins in one of its pieces.
+
+    Attributes:
+        outer: The body around.
+        inner: The body inside.
+        placement: Pose (4, 4) of the inner body in the frame of its piece.
+        walls: Half-spaces (m, 4) around a piece of the outer body, in its frame.
+        corners: A corner of each component (4, n) that is small enough, in the frame of the inner body's piece.
+    """
+
+    outer: Rigid
+    inner: Rigid
+    placement: Array
+    walls: Array
+    corners: Array
+
+    @classmethod
+    def between(cls, outer: Rigid, around: Piece, inner: Rigid, piece: Piece) -> Nest | None:
+        """What of ``piece`` may lie inside ``outer`` and begin in its piece ``around``; None if nothing is so small."""
+        corners = piece.components[(piece.components[:, 3:] < outer.room).all(axis=1), :3]
+        if not len(corners):
+            return None
+        homogeneous = np.column_stack([corners, np.ones(len(corners))]).T
+        return cls(outer, inner, invert(piece.placement), around.walls, homogeneous)
+
+    def holds(self, outer_from_piece: Array) -> bool:
+        """Whether ``outer`` encloses something of ``inner``, whose piece is at ``outer_from_piece`` (4, 4)."""
+        if not (self.walls @ (outer_from_piece @ self.corners) <= 0.0).all(axis=0).any():
+            return False
+        return self.outer.encloses(self.inner, outer_from_piece @ self.placement)
+
+
 def _collide(a: Shape, pose_a: Array, b: Shape, pose_b: Array, margin: float) -> bool:
     request = coal.CollisionRequest()
     request.security_margin = margin
+    request.break_distance = BREAK_DISTANCE
     placed = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (pose_a, pose_b)]
     return bool(coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()))
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
@@ -22,11 +23,13 @@ from ..transforms import Array, transform_points
 _CYLINDER_SECTIONS = 48
 _BALL_GROWTH = 1.01
 _CONVEX_SLACK = 1e-6  # share of the hull's volume
-_SPLIT_GAIN = 0.02  # share of the hull's volume that a cut must save
-_SMALLEST_GAP = 1e-4  # m3, a cube of 46 mm
-_CUTS = (0.25, 0.5, 0.75)
+_SPLIT_GAIN = 0.01  # share of the hull's volume that a cut must save
+_SMALLEST_GAP = 5e-5  # m3, a cube of 37 mm
+_CUTS = np.arange(1, 8) / 8.0
 _MOST_PARTS = 6
 _FLAT = 1e-6  # m
+_ROUNDING = 3e-4  # m: fewer corners make checks faster, wider pieces leave more to exact shapes
+_THINNING = 3e-3  # m, of corners on which cuts are judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,7 @@ def sphere(radius: float) -> Shape:
 
 def from_mesh(mesh: trimesh.Trimesh) -> Shape:
     """The exact shape of a triangle mesh [m]: its filled hull where the mesh is convex, its surface otherwise."""
-    volume = _hull_volume(mesh.vertices)
+    volume = hull_volume(mesh.vertices)
     if mesh.is_watertight and mesh.volume >= (1.0 - _CONVEX_SLACK) * volume > 0.0:
         return Shape(convex_hull(mesh.vertices), mesh, solid=True)
     return Shape(triangles(mesh), mesh, solid=False)
@@ -158,8 +161,35 @@ def convex_hull(points: Array) -> coal.CollisionGeometry:
     return coal.Convex.convexHull(corners, True, "Qt")
 
 
-def cover(shapes: Sequence[Shape], placements: Array) -> tuple[tuple[coal.CollisionGeometry, Array], ...]:
-    """Few convex shapes, each with its placement (4, 4), that together cover ``shapes`` at ``placements`` (k, 4, 4).
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A convex shape that covers a part of a body.
+
+    Attributes:
+        geometry: The convex shape.
+        placement: Its pose (4, 4) in the body's frame.
+        components: For each connected component of the body with its first corner in this part that corner (3,) in the
+            frame of the piece [m], the longest side of a box around it [m] and a volume that it fills [m3]: (n, 5).
+        exact: The exact shapes of that part, with their poses (4, 4); none where the convex shape is exact itself.
+        volume: Of the hull of that part [m3]; 0 where the convex shape is exact itself.
+    """
+
+    geometry: coal.CollisionGeometry
+    placement: Array
+    components: Array
+    exact: tuple[tuple[coal.CollisionGeometry, Array], ...] = ()
+    volume: float = 0.0
+
+    @cached_property
+    def walls(self) -> Array:
+        """Half-spaces (m, 4) whose common part is the hull of this piece."""
+        walls: Array = ConvexHull(np.array(self.geometry.points())).equations.copy()
+        walls[:, 3] -= self.geometry.getSweptSphereRadius()
+        return walls
+
+
+def cover(shapes: Sequence[Shape], placements: Array) -> tuple[Piece, ...]:
+    """Few convex pieces that together cover ``shapes`` at ``placements`` (k, 4, 4), and what their surfaces enclose.
 
     One hull if that fills no gap worth speaking of, the shapes themselves if they are few and filled, else the hulls of
     parts cut from them.
@@ -168,46 +198,96 @@ def cover(shapes: Sequence[Shape], placements: Array) -> tuple[tuple[coal.Collis
     parts = convex_cover(np.concatenate(grown))
     filled = all(shape.solid for shape in shapes)
     if filled and (len(shapes) == 1 or (len(parts) > 1 and len(shapes) <= _MOST_PARTS)):
-        return tuple((shape.geometry, placement) for shape, placement in zip(shapes, placements, strict=True))
-    return tuple((convex_hull(part.reshape(-1, 3)), np.eye(4)) for part in parts)
+        return tuple(Piece(s.geometry, p, _components(s)) for s, p in zip(shapes, placements, strict=True))
+    placed = list(zip(shapes, placements, grown, strict=True))
+    return tuple(_piece(part, placed) for part in parts)
+
+
+def _piece(part: Array, placed: list[tuple[Shape, Array, Array]]) -> Piece:
+    """The hull of triangles (n, 3, 3), and what is in the box around it of shapes, their poses and grown triangles."""
+    low, high = part.min(axis=(0, 1)), part.max(axis=(0, 1))
+    exact, components = [], []
+    for shape, placement, grown in placed:
+        inside = ((grown.max(axis=1) >= low) & (grown.min(axis=1) <= high)).all(axis=1)
+        if inside.any():
+            whole = shape.solid or inside.all()
+            geometry = shape.geometry if whole else triangles(shape.mesh.submesh([inside], append=True, repair=False))
+            exact.append((geometry, placement))
+            components.append(_components(shape))
+            components[-1][:, :3] = transform_points(placement, components[-1][:, :3])
+    found = np.concatenate(components)
+    here = ((found[:, :3] >= low - _FLAT) & (found[:, :3] <= high + _FLAT)).all(axis=1)
+    points = part.reshape(-1, 3)
+    return Piece(rounded_hull(points), np.eye(4), found[here], tuple(exact), hull_volume(points))
+
+
+def _components(shape: Shape) -> Array:
+    """A corner, the longest side and a filled volume (n, 5) of each connected component."""
+    sides = np.ptp(shape.probes, axis=1).max(axis=1)
+    volume = shape.mesh.volume if shape.solid else 0.0
+    return np.column_stack([shape.probes[:, 0], sides, np.full(len(sides), volume)])
+
+
+def rounded_hull(points: Array) -> coal.CollisionGeometry:
+    """A filled shape around ``points`` (n, 3) [m]: the hull of few of them, rounded by how far it leaves the others."""
+    solid = _thickened(np.asarray(points, dtype=float))
+    outer = solid[ConvexHull(solid).vertices]
+    hull = convex_hull(solid[ConvexHull(solid, qhull_options=f"Qt W{_ROUNDING}").vertices])
+    left = max(_distance(hull, corner) for corner in outer)
+    hull.setSweptSphereRadius(max(left, 0.0) + _FLAT)
+    return hull
+
+
+def _distance(hull: coal.CollisionGeometry, point: Array) -> float:
+    here, there, request = coal.Transform3s(), coal.Transform3s(np.eye(3), point), coal.DistanceRequest()
+    return float(coal.distance(hull, here, coal.Sphere(_FLAT), there, request, coal.DistanceResult())) + _FLAT
 
 
 def convex_cover(soup: Array) -> list[Array]:
     """Triangles (k, 3, 3) of parts of ``soup`` (n, 3, 3) [m] whose hulls are small and together cover it.
 
-    The part that gains most is cut in two by a plane across an axis, until there are six or no cut saves a twentieth of
-    the volume of the whole hull and a gap that a finger could enter.
+    The part that gains most is cut in two by a plane across one of the two longer axes, until there are six or no cut
+    saves a hundredth of the volume of the whole hull and a gap that a finger could enter. With one axis left uncut, a
+    line along it leaves every point inside a closed surface for the surface of its own part: hulls cover insides too.
     """
-    parts, cuts = [soup], [_best_cut(soup)]
-    worth = max(_SPLIT_GAIN * _hull_volume(soup), _SMALLEST_GAP)
+    axes = np.argsort(np.ptp(soup, axis=(0, 1)))[1:]
+    worth = max(_SPLIT_GAIN * hull_volume(soup.reshape(-1, 3)), _SMALLEST_GAP)
+    parts, cuts = [soup], [_best_cut(soup, axes)]
     while len(parts) < _MOST_PARTS:
         i = int(np.argmax([cut.gain for cut in cuts]))
         if cuts[i].gain <= worth:
             break
-        parts[i : i + 1] = cuts[i].halves
-        cuts[i : i + 1] = [_best_cut(half) for half in cuts[i].halves]
+        parts[i : i + 1] = _cut(parts[i], cuts[i].axis, cuts[i].at)
+        cuts[i : i + 1] = [_best_cut(half, axes) for half in parts[i : i + 2]]
     return parts
 
 
 class _Cut(NamedTuple):
-    """Triangles cut in two, and the hull volume saved [m3]."""
+    """A plane across an axis, and about the hull volume that a cut there saves [m3]."""
 
     gain: float
-    halves: list[Array]
+    axis: int
+    at: float
 
 
-def _best_cut(soup: Array) -> _Cut:
-    """The cut of triangles (n, 3, 3) across one of the two longer axes that saves most hull volume."""
-    low, high = soup.min(axis=(0, 1)), soup.max(axis=(0, 1))
-    whole = _hull_volume(soup)
-    best = _Cut(0.0, [])
+def _best_cut(soup: Array, axes: npt.NDArray[np.intp]) -> _Cut:
+    """The cut of triangles (n, 3, 3) across one of ``axes`` that saves most hull volume, judged on few corners."""
+    corners, starts, ends = soup.reshape(-1, 3), soup, np.roll(soup, 1, axis=1)
+    _, kept = np.unique(np.round(corners / _THINNING).astype(np.int64) @ (1, 1 << 20, 1 << 40), return_index=True)
+    thin, low, high = corners[kept], corners.min(axis=0), corners.max(axis=0)
+    whole = hull_volume(thin, _THINNING)
+    best = _Cut(0.0, 0, 0.0)
     if whole <= _SMALLEST_GAP:
         return best
-    for axis, share in itertools.product(np.argsort(high - low)[1:], _CUTS):
-        halves = _cut(soup, int(axis), low[axis] + share * (high[axis] - low[axis]))
-        gain = whole - sum(_hull_volume(half) for half in halves)
+    for axis, share in itertools.product(axes, _CUTS):
+        at = low[axis] + share * (high[axis] - low[axis])
+        crossing = (starts[..., axis] < at) & (ends[..., axis] >= at)
+        start, end = starts[crossing], ends[crossing]
+        section = start + (end - start) * ((at - start[:, axis]) / (end - start)[:, axis])[:, None]
+        sides = (thin[thin[:, axis] < at], thin[thin[:, axis] >= at])
+        gain = whole - sum(hull_volume(np.concatenate([side, section]), _THINNING) for side in sides)
         if gain > best.gain:
-            best = _Cut(gain, halves)
+            best = _Cut(gain, int(axis), float(at))
     return best
 
 
@@ -222,9 +302,10 @@ def _cut(soup: Array, axis: int, at: float) -> list[Array]:
     return halves
 
 
-def _hull_volume(points: Array) -> float:
+def hull_volume(points: Array, slack: float = 0.0) -> float:
+    """Volume of the hull of ``points`` (n, 3) [m3], 0 where they are flat; points may stay outside by ``slack`` [m]."""
     try:
-        return float(ConvexHull(points.reshape(-1, 3)).volume)
+        return float(ConvexHull(points, qhull_options=f"Qt W{slack}" if slack else "Qt").volume)
     except (QhullError, ValueError):
         return 0.0
 

@@ -21,19 +21,31 @@ REACH = 1e-6  # m
 def covered(cover, points):
     """Which of ``points`` lie in some convex piece of the cover."""
     inside = np.zeros(len(points), dtype=bool)
-    for geometry, placement in cover:
-        local = transform_points(invert(placement), points)
-        match geometry:
-            case coal.Box():
-                inside |= (np.abs(local) <= np.ravel(geometry.halfSide) + REACH).all(axis=1)
-            case coal.Cylinder():
-                radial = np.linalg.norm(local[:, :2], axis=1) <= geometry.radius + REACH
-                inside |= radial & (np.abs(local[:, 2]) <= geometry.halfLength + REACH)
-            case coal.Sphere():
-                inside |= np.linalg.norm(local, axis=1) <= geometry.radius + REACH
-            case _:
-                hull = ConvexHull(np.array(geometry.points()))
-                inside |= (local @ hull.equations[:, :3].T + hull.equations[:, 3] <= REACH).all(axis=1)
+    for piece in cover:
+        inside |= held(piece.geometry, transform_points(invert(piece.placement), points))
+    return inside
+
+
+def held(geometry, points):
+    """Which of ``points`` lie in a convex shape."""
+    match geometry:
+        case coal.Box():
+            return (np.abs(points) <= np.ravel(geometry.halfSide) + REACH).all(axis=1)
+        case coal.Cylinder():
+            radial = np.linalg.norm(points[:, :2], axis=1) <= geometry.radius + REACH
+            return radial & (np.abs(points[:, 2]) <= geometry.halfLength + REACH)
+        case coal.Sphere():
+            return np.linalg.norm(points, axis=1) <= geometry.radius + REACH
+    hull = trimesh.convex.convex_hull(np.array(geometry.points()))
+    normals, offsets = hull.face_normals, np.einsum("ij,ij->i", hull.face_normals, hull.triangles[:, 0])
+    beyond = (points @ normals.T - offsets).max(axis=1)
+    # Above a face the distance is the height; beside one it is more, and only the nearest point tells.
+    rounding = geometry.getSweptSphereRadius()
+    inside = beyond <= REACH
+    doubtful = np.flatnonzero(~inside & (beyond <= rounding + REACH))
+    if len(doubtful):
+        distances = trimesh.proximity.closest_point_naive(hull, points[doubtful])[1]
+        inside[doubtful] = distances <= rounding + REACH
     return inside
 
 
@@ -51,7 +63,7 @@ def surface(shape, rng, n):
             directions *= radius / np.linalg.norm(directions, axis=1, keepdims=True)
             return directions + np.outer(np.where(directions[:, 2] > 0.0, half, -half), [0.0, 0.0, 1.0])
     points, _ = trimesh.sample.sample_surface(shape.mesh, n, seed=int(rng.integers(1 << 30)))
-    return np.concatenate([points, shape.mesh.triangles.reshape(-1, 3)])
+    return np.concatenate([points, shape.mesh.vertices[np.unique(shape.mesh.faces)]])
 
 
 def random_soup(seed):
@@ -102,7 +114,7 @@ def test_covers_of_shipped_models_cover_them(name, rng):
 def test_covers_are_tight_enough_to_leave_a_fork_open(make_mesh):
     fork = Body.from_mesh("fork", make_mesh("fork", 0.3, 0.05, 0.2))
     assert not covered(fork.cover, np.array([[0.0, 0.05, 0.0]])).any()
-    volume = sum(ConvexHull(np.array(g.points())).volume for g, _ in fork.cover)
+    volume = sum(piece.volume for piece in fork.cover)
     assert volume < 0.8 * fork.mesh.convex_hull.volume
 
 
@@ -115,6 +127,49 @@ def test_grown_meshes_hold_the_curved_shapes(rng):
         assert (points >= shape.bounds[0] - 1e-12).all()
         assert (points <= shape.bounds[1] + 1e-12).all()
         assert (shape.bounds[1] - shape.bounds[0] < 1.03 * np.ptp(points, axis=0) + 1e-3).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_the_exact_shapes_of_pieces_are_the_body(seed):
+    body = Body.from_mesh("body", random_soup(seed))
+    points = surface(body.shapes[0], np.random.default_rng(seed), 20)[:40]
+    needle, request = coal.Sphere(1e-5), coal.CollisionRequest()
+    touched = np.zeros(len(points), dtype=bool)
+    for piece in body.cover:
+        for geometry, placement in piece.exact or [(piece.geometry, piece.placement)]:
+            assert (placement == np.eye(4)).all()
+            for i in np.flatnonzero(covered([piece], points)):
+                at = coal.Transform3s(np.eye(3), points[i])
+                touched[i] |= (
+                    coal.collide(geometry, coal.Transform3s(), needle, at, request, coal.CollisionResult()) > 0
+                )
+    assert touched.all()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_covers_hold_what_closed_surfaces_enclose(rng, turned):
+    # A thick cross of three bars: cuts fall across its middle.
+    bars = [trimesh.creation.box(np.where(np.arange(3) == axis, 0.6, 0.16)) for axis in range(3)]
+    mesh = trimesh.util.concatenate(bars)
+    mesh.apply_scale((1.0, 0.9, 0.8))
+    if turned:
+        mesh.apply_transform(pose((0.1, 0.2, 0.3), (0.3, 0.2, 0.1)))
+    body = Body.from_mesh("cross", mesh)
+    assert len(body.cover) > 2
+    points = rng.uniform(*mesh.bounds, (5000, 3))
+    inside = shapes.winding_number(mesh, points) > 0.5
+    assert inside.sum() > 200
+    assert covered(body.cover, points[inside]).all()
+
+
+def test_rounded_hulls_hold_their_points_and_little_more(rng):
+    points = rng.normal(size=(4000, 3))
+    points *= 0.1 / np.linalg.norm(points, axis=1, keepdims=True)
+    hull = shapes.rounded_hull(points)
+    assert hull.num_points < 0.5 * len(points)
+    assert held(hull, points[:300]).all()
+    assert not held(hull, 1.01 * points[:300]).any()
 
 
 # Windings -------------------------------------------------------------------------------------------------------------
@@ -156,7 +211,7 @@ def test_hulls_of_flat_points_are_filled_shapes(rng, rank, count):
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0][:rank]
     points = rng.uniform(-0.1, 0.1, (count, rank)) @ axes + (0.3, -0.2, 0.5)
     hull = shapes.convex_hull(points)
-    assert covered([(hull, np.eye(4))], points).all()
+    assert held(hull, points).all()
     needle = coal.Sphere(1e-4)
     for point in points:
         at = coal.Transform3s(np.eye(3), point)
