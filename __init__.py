@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from .grasping.part import Part as Part
     from .grasping.planner import plan_grasps as plan_grasps
     from .grasping.store import cached_grasps as cached_grasps
+    from .regrasp.placements import Placements as Placements
+    from .regrasp.placements import find_placements as find_placements
+    from .regrasp.supports import Spots as Spots
+    from .regrasp.supports import Support as Support
+    from .regrasp.supports import find_spots as find_spots
     from .robots.grip import plan_grip as plan_grip
     from .robots.hand import Hand as Hand
     from .robots.library import load_hand as load_hand
@@ -40,6 +45,8 @@ _HOMES = {
     "grasping.part": ("Part",),
     "grasping.planner": ("plan_grasps",),
     "grasping.store": ("cached_grasps",),
+    "regrasp.placements": ("Placements", "find_placements"),
+    "regrasp.supports": ("Spots", "Support", "find_spots"),
     "robots.grip": ("plan_grip",),
     "robots.hand": ("Hand",),
     "robots.library": ("load_hand", "load_robot"),
