@@ -356,7 +356,7 @@ class CollisionEngine:
             moved_b[:3, 3] += self._tolerance * np.linalg.pinv(normals, rcond=_OPPOSED).sum(axis=1)
             if not bodies[0].touches(bodies[1], invert(pose_a) @ moved_b, margin):
                 return False
-        return bodies[0].touches(bodies[1], invert(pose_a) @ pose_b, margin)
+        return bool(bodies[0].touches(bodies[1], invert(pose_a) @ pose_b, margin))
 
 
 def _arm_moved_by(robot: Robot, joint: int) -> str:

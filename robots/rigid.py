@@ -115,7 +115,8 @@ class Rigid:
     def _distances(self, other: Rigid, self_from_other: Array) -> Array:
         """Distances (k, j) of the centres of the balls [m]."""
         centres = transform_points(self_from_other, other.balls[:, :3])
-        return np.linalg.norm(self.balls[:, None, :3] - centres, axis=-1)
+        distances: Array = np.linalg.norm(self.balls[:, None, :3] - centres, axis=-1)
+        return distances
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,7 +90,8 @@ def _solid_angles(corners: Array) -> Array:
         a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
     )
     ab, bc, ca = (a * b).sum(axis=0), (b * c).sum(axis=0), (c * a).sum(axis=0)
-    return np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    angles: Array = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return angles
 
 
 def box(size: Sequence[float] | Array) -> Shape:
