@@ -165,9 +165,10 @@ class Search:
         It looks where no joint is farther than ``room`` [rad or m] from the range between start and ends.
         """
         both = np.concatenate([start[None], ends])[:, joints]
-        # A start or goal may lie a rounding outside the limits: the bounds hold it all the same.
-        lower = np.clip(both.min(axis=0) - room, self._lower[joints], both.min(axis=0))
-        upper = np.clip(both.max(axis=0) + room, both.max(axis=0), self._upper[joints])
+        # A start or goal may lie a rounding outside the limits; outside the bounds the search would wait for ever.
+        lowest, highest = both.min(axis=0), both.max(axis=0)
+        lower = np.minimum(np.maximum(self._lower[joints], lowest - room), lowest)
+        upper = np.maximum(np.minimum(self._upper[joints], highest + room), highest)
         dimension, q, floor = len(joints), start.copy(), max(self._left - most, 0)
 
         def free(state: Sequence[float]) -> bool:

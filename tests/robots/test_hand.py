@@ -131,3 +131,60 @@ def test_aliases_in_a_hand_file_are_refused(tmp_path):
     path.write_text("a: &x [1, 2]\nb: *x\n")
     with pytest.raises(InputError, match="aliases"):
         Hand.load(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[0.0, 0.085]", "[-0.0005, 0.085]", "stroke"),
+        ("[0.0, 0.085]", "[0.085, 0.01]", "stroke"),
+        ("[0.0, 0.085]", "[.nan, 0.085]", "stroke"),
+        ("friction: 0.5", "friction: .inf", "friction"),
+        ("friction: 0.5", "friction: 0.5\nvacuum_force: 10.0", "vacuum_force: given, but kind is two_finger"),
+        ("contact_depth: 0.014", "contact_depth: 14", "contact_depth.*beyond the pads"),
+        ("right_pad", "left_pad", "does not grow"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_figures_that_fit_no_hand_are_refused(tmp_path, old, new, message):
+    with pytest.raises(InputError, match=message):
+        Hand.load(changed(tmp_path, old, new))
+
+
+def slides(tmp_path: Path, low: float, high: float) -> Hand:
+    """A gripper of two sliding fingers that meet at the driver's 0, the second driven with an offset of its own."""
+
+    def finger(name: str, sign: int, mimic: str) -> str:
+        turn = "0 0 0" if sign < 0 else "0 0 3.141592653589793"
+        return (
+            f'<link name="{name}"><collision><geometry><box size="0.01 0.02 0.04"/></geometry></collision></link>'
+            f'<link name="{name}_pad"/><joint name="{name}_face" type="fixed"><parent link="{name}"/>'
+            f'<child link="{name}_pad"/><origin xyz="{-0.005 * sign} 0 0" rpy="{turn}"/></joint>'
+            f'<joint name="{name}_slide" type="prismatic"><parent link="base"/><child link="{name}"/>'
+            f'<origin xyz="{0.005 * sign} 0 0.1"/><axis xyz="{sign} 0 0"/>'
+            f'<limit lower="0" upper="0.1" velocity="1" effort="1"/>{mimic}</joint>'
+        )
+
+    mimic = '<mimic joint="one_slide" multiplier="0.5" offset="0.01"/>'
+    box = '<collision><geometry><box size="0.1 0.02 0.02"/></geometry></collision>'
+    text = f'<robot name="g"><link name="base">{box}</link>{finger("one", -1, "")}{finger("two", 1, mimic)}</robot>'
+    (tmp_path / "g.urdf").write_text(text)
+    (tmp_path / "g.yaml").write_text(
+        "name: g\nkind: two_finger\nurdf: g.urdf\nfriction: 0.5\nsource: made up\ngrip_force: 10.0\nspeed: 0.1\n"
+        f"driver: {{joint: one_slide, open: 0.04, closed: 0.0}}\nstroke: [{low}, {high}]\ncontact_depth: 0.01\n"
+        "pads: [{link: one_pad, size: [0.02, 0.04]}, {link: two_pad, size: [0.02, 0.04]}]\n"
+    )
+    return Hand.load(tmp_path / "g.yaml")
+
+
+def test_sliding_fingers_and_offsets_of_mimics(tmp_path):
+    # Open by d for the first finger, d / 2 + 10 mm for the second.
+    hand = slides(tmp_path, 0.01, 0.07)
+    np.testing.assert_allclose(
+        hand.joint_positions([0.01, 0.04, 0.07]), [[0, 0.01], [0.02, 0.02], [0.04, 0.03]], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        hand.base_from_hand([0.01, 0.07])[:, :3, 3], [[0.005, 0, 0.11], [-0.005, 0, 0.11]], atol=1e-9
+    )
+    with pytest.raises(InputError, match=r"the fingers reach 0\.0100 to 0\.0700"):
+        slides(tmp_path, 0.0, 0.07)

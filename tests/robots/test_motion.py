@@ -10,7 +10,7 @@ from reference import Reference
 from kumitate.errors import BlockedError, InputError, NoPathError, StartInCollisionError, UnreachableLineError
 from kumitate.robots.grip import plan_grip
 from kumitate.robots.library import load_robot
-from kumitate.robots.motion import plan_motion
+from kumitate.robots.motion import Search, plan_motion
 from kumitate.robots.scene import Scene
 from kumitate.robots.state import Body, Contact
 from kumitate.robots.straight import INSERTION, LineTolerance, plan_linear
@@ -200,7 +200,61 @@ def test_fingers_that_close_on_something_in_between_are_blocked(shop):
         plan_grip(scene, grasp, "left", 0.1)
 
 
-def test_a_goal_that_is_no_configuration_is_refused(shop):
+def test_what_is_no_goal_is_refused(shop):
     scene, state = shop
-    with pytest.raises(InputError, match="goal"):
-        plan_motion(scene, state, np.full(15, 7.0), ["left"], seed=0)
+    other = state.q.copy()
+    other[scene.robot.indices(["right"])] += 0.1
+    none = scene.robot.with_joints(state.q, "left", np.zeros((0, 6)))
+    for goals, arms, seed, message in (
+        (np.full(15, 7.0), ["left"], 0, "goal: joint"),
+        (none, ["left"], 0, "goal: there is none"),
+        ([], ["left"], 0, "goal"),
+        (np.zeros(3), ["left"], 0, "goal"),
+        (["far"] * 15, ["left"], 0, "goal: no array of numbers"),
+        (other, ["left"], 0, "no moving arm"),
+        (state.q, [], 0, "arms"),
+        (state.q, "left", 0, "arms"),
+        (state.q, ["left", "left"], 0, "arms"),
+        (state.q, ["left"], -1, "seed"),
+        (state.q, ["left"], 1.5, "seed"),
+    ):
+        with pytest.raises(InputError, match=message):
+            plan_motion(scene, state, goals, arms, seed=seed)
+
+
+def test_the_nearest_goal_is_tried_first(robot):
+    scene = Scene.of(robot, [])
+    state = scene.state({})
+    near, far = state.q.copy(), state.q.copy()
+    near[robot.arms["left"].indices[0]] += 0.1
+    far[robot.arms["left"].indices[0]] += 0.4
+    for goals in ([near, far], [far, near]):
+        path = plan_motion(scene, state, goals, ["left"], seed=0)
+        np.testing.assert_array_equal(path[-1], near)
+
+
+def test_ends_a_rounding_outside_the_limits_are_reached(robot):
+    scene = Scene.of(robot, [])
+    state, joint = scene.state({}), robot.arms["left"].indices[5]
+    goal = state.q.copy()
+    goal[joint] = robot.upper[joint] + 5e-7
+    path = plan_motion(scene, state, goal, ["left"], seed=0)
+    np.testing.assert_array_equal(path[-1], goal)
+
+
+def test_detours_are_shortened_where_the_straight_way_is_free_and_left_where_it_is_not(shop):
+    scene, state = shop
+    robot, checker = scene.robot, scene.checker(state)
+    arms = [robot.arms["left"].indices]
+    search = Search(checker, state.q, arms, robot.lower, robot.upper)
+    goal = reach(scene, state, "left", top_down([0.4, 0.12, 0.05]), 0.085).q
+    detour = np.stack([state.q, state.q, goal])
+    detour[1, arms[0][5]] += 1.0
+    length = np.linalg.norm(np.diff(search.shortened(detour, 0.02, 0), axis=0), axis=1).sum()
+    assert length < 1.1 * np.linalg.norm(goal - state.q)
+    # Over the wall: the straight way is shorter, but not free.
+    over = reach(scene, state, "left", top_down([0.4, 0.12, 0.02]), 0.085)
+    across = reach(scene, state, "left", top_down([0.4, -0.12, 0.02]), 0.085)
+    path = plan_motion(scene, over, across.q, ["left"], seed=0)
+    shorter = Search(checker, over.q, arms, robot.lower, robot.upper).shortened(path, 0.02, 3)
+    assert all(checker.free(q) for q in shorter)

@@ -8,7 +8,7 @@ import pytest
 from kumitate.errors import InputError, UnknownNameError
 from kumitate.robots.library import load_robot
 from kumitate.robots.scene import Scene
-from kumitate.robots.state import Body
+from kumitate.robots.state import Body, Contact
 from kumitate.transforms import invert, pose
 
 
@@ -140,3 +140,30 @@ def test_every_body_has_a_name_of_its_own(scene, name):
     bodies = [Body.box("twin", [0.1] * 3), Body.box(name, [0.1] * 3)]
     with pytest.raises(InputError, match="is taken"):
         Scene.of(scene.robot, bodies)
+
+
+@pytest.mark.parametrize("tolerance", [-1e-4, np.nan, 0.5])
+def test_contact_tolerances_are_small_distances(scene, tolerance):
+    with pytest.raises(InputError, match="contact_tolerance"):
+        Scene.of(scene.robot, [], contact_tolerance=tolerance)
+
+
+def test_the_contact_tolerance_asked_for_counts(scene):
+    bodies = [Body.box("a", [0.1] * 3), Body.box("b", [0.1] * 3)]
+    for tolerance, touching in ((0.5e-3, True), (2e-3, False)):
+        pair = Scene.of(scene.robot, bodies, contact_tolerance=tolerance)
+        state = pair.state({"a": pose((2.0, 0.0, 0.0)), "b": pose((2.0, 0.0, 0.099))})
+        state = state.with_contacts([Contact("a", "b", np.array([0.0, 0.0, 1.0]))])
+        assert (("a", "b") in pair.touching(state)) is touching
+
+
+def test_states_changed_since_are_checked_again(scene, held):
+    for q in (np.zeros(3), np.full(12, np.nan), np.full(12, 9.0)):
+        with pytest.raises(InputError, match=r"12 numbers|outside its limits"):
+            scene.touching(held.with_q(q))
+    with pytest.raises(UnknownNameError, match="lef"):
+        scene.checker(held, {"lef"})
+    with pytest.raises(InputError, match="no number"):
+        scene.state({name: np.eye(4) for name in scene.bodies}, openings={"left": [0.01, 0.02]})
+    with pytest.raises(InputError, match="pose of peg"):
+        scene.state({**{name: np.eye(4) for name in scene.bodies}, "peg": np.tile(np.eye(4), (2, 1, 1))})

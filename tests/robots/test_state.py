@@ -67,3 +67,35 @@ def test_changes_leave_the_state_alone():
     contact = Contact("a", "b", np.array([0.0, 0.0, 1.0]))
     assert state.with_contacts([contact]).contacts == (contact,)
     assert (state.openings, state.contacts, set(state.attached), state.q.any()) == ({"left": 0.05}, (), {"b"}, False)
+
+
+def test_configurations_of_states_cannot_be_changed_in_place():
+    home = np.zeros(6)
+    state = SceneState(home, {}, {})
+    home[0] = 1.0
+    assert state.q[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        state.q[0] = 1.0
+
+
+def test_changes_to_what_is_not_there_are_refused():
+    state = SceneState(np.zeros(6), {"left": 0.05}, {"a": np.eye(4)}, {"b": Attachment("a", np.eye(4))})
+    for change, message in (
+        (lambda: state.with_opening("lef", 0.01), "lef"),
+        (lambda: state.with_pose("c", np.eye(4)), "no body named 'c'"),
+        (lambda: state.with_pose("a", 2.0 * np.eye(4)), "pose of a"),
+        (lambda: state.with_pose("a", np.tile(np.eye(4), (2, 1, 1))), "pose of a"),
+        (lambda: state.with_q(["home"]), "state: q"),
+        (lambda: Contact("a", "a", np.array([0.0, 0.0, 1.0])), "does not touch itself"),
+        (lambda: Contact("a", "b", "up"), "no array of numbers"),
+        (lambda: Body.box("plate", ["a", 1, 1]), "no array of numbers"),
+        (lambda: Body.box("plate", [np.inf, 1, 1]), "box plate"),
+        (lambda: Body.from_mesh("empty", trimesh.Trimesh()), "body empty"),
+    ):
+        with pytest.raises(InputError, match=message):
+            change()
+    broken = trimesh.creation.box([1.0, 1.0, 1.0])
+    vertices = broken.vertices.copy()
+    vertices[0] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        Body.from_mesh("broken", trimesh.Trimesh(vertices, broken.faces, process=False))
