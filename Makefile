@@ -28,7 +28,7 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	  || { echo "Kumitate needs Python 3.11 to 3.13; name one with: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]' >$(VENV)/install.log 2>&1 \
-	  || { tail -n 3 $(VENV)/install.log; echo "The packages could not be installed: is there a network, and does pip reach a package index? (all of it: $(VENV)/install.log)"; exit 1; }
+	  || { echo "The packages could not be installed: is there a network, and does pip reach a package index? (pip's words: $(VENV)/install.log)"; exit 1; }
 	@touch $@
 
 clean:
