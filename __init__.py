@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from .robots.state import Contact as Contact
     from .robots.state import Margins as Margins
     from .robots.state import SceneState as SceneState
+    from .robots.straight import INSERTION as INSERTION
+    from .robots.straight import LineTolerance as LineTolerance
     from .robots.straight import plan_linear as plan_linear
     from .robots.timing import time_motion as time_motion
     from .robots.trajectory import Trajectory as Trajectory
@@ -54,7 +56,7 @@ _HOMES = {
     "robots.robot": ("Robot",),
     "robots.scene": ("Scene",),
     "robots.state": ("Body", "Contact", "Margins", "SceneState"),
-    "robots.straight": ("plan_linear",),
+    "robots.straight": ("INSERTION", "LineTolerance", "plan_linear"),
     "robots.timing": ("time_motion",),
     "robots.trajectory": ("Trajectory",),
     "transforms": ("pose",),

@@ -84,8 +84,7 @@ def _line(text: str, keys: list[int | str]) -> int:
             entries = [(name, value) for name, value in node.value if name.value == key]
             if not entries:
                 break
-            name, node = entries[0]
-            line = name.start_mark.line
+            node = entries[0][1]
         if node is not None:
-            line = max(line, node.start_mark.line)
+            line = node.start_mark.line
     return line + 1

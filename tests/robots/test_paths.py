@@ -7,7 +7,7 @@ import pytest
 
 from kumitate.errors import BlockedError
 from kumitate.robots.library import load_robot
-from kumitate.robots.paths import FREE_STEP, PathCheck
+from kumitate.robots.paths import FREE_STEP, PathCheck, _around
 from kumitate.robots.scene import Scene
 from kumitate.robots.state import Body, Margins
 from kumitate.transforms import pose
@@ -63,3 +63,9 @@ def test_hands_at_work_need_keep_no_margins(robot):
     state, path = scene.state({"post": ahead}, openings={"left": 0.0}), turn(robot, 0.01, 2)
     assert PathCheck(scene, state, ["left"], FREE_STEP).blocked(path) is not None
     assert PathCheck(scene, state, ["left"], FREE_STEP, {"left"}).blocked(path) is None
+
+
+def test_doubtful_places_are_looked_at_from_the_place_before_to_the_place_after():
+    marked = np.array([True, False, False, True, True, False, False, False, True])
+    assert [(part.start, part.stop) for part in _around(marked)] == [(0, 2), (2, 6), (7, 10)]
+    assert list(_around(np.zeros(4, dtype=bool))) == []
