@@ -124,3 +124,19 @@ class OffLineError(PlanningError):
         self.arm = arm
         allowed = f"{1e3 * position:g} mm and {math.degrees(angle):g} degrees"
         super().__init__(f"arm {arm} does not keep to the line within {allowed}")
+
+
+class NoRegraspError(PlanningError):
+    """A part does not come from where it is to where it must be.
+
+    Attributes:
+        part: The part.
+        report: What was tried and why it failed, a sentence each.
+    """
+
+    def __init__(self, part: str, cause: str, report: Sequence[str]) -> None:
+        """Name the cause."""
+        self.part = part
+        self.cause = cause
+        self.report = tuple(report)
+        super().__init__(f"no way for {part}: {cause}")

@@ -98,13 +98,18 @@ class GraspSet:
         return replace(self, **arrays)
 
     def thin(self, n: int) -> GraspSet:
-        """At most n grasps that are good and spread over position and approach direction, the best of all first.
+        """At most n grasps that are good and spread over position and approach direction (see ``spread``)."""
+        return self[self.spread(n)]
 
-        Each next grasp has the largest quality times distance to those already chosen; the distance adds the grasp
-        centres' (over the spread of all centres) to the angle between the approach directions (over half a turn).
+    def spread(self, n: int) -> npt.NDArray[np.int64]:
+        """Indices, ascending, of at most n grasps that are good and spread over position and approach direction.
+
+        The best of all is the first. Each next one has the largest quality times distance to those already chosen; the
+        distance adds the grasp centres' (over the spread of all centres) to the angle between the approach directions
+        (over half a turn).
         """
         if n >= len(self):
-            return self
+            return np.arange(len(self))
         centers, approach = self.part_from_hand[:, :3, 3], self.part_from_hand[:, :3, 2]
         spread = max(float(np.linalg.norm(centers - centers.mean(axis=0), axis=-1).max()), _UNIT)
         nearest, chosen = np.full(len(self), np.inf), [int(np.argmax(self.quality))]
@@ -114,7 +119,7 @@ class GraspSet:
             nearest = np.minimum(nearest, np.linalg.norm(centers - centers[last], axis=-1) / spread + angle / np.pi)
             nearest[last] = -np.inf
             chosen.append(int(np.argmax((self.quality + _UNIT) * nearest)))
-        return self[np.sort(np.array(chosen[:n], dtype=int))]
+        return np.sort(np.array(chosen[:n], dtype=np.int64))
 
     def save(self, path: str | Path) -> None:
         """Write one ``.npz`` file (arrays and JSON text, no pickle)."""

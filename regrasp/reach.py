@@ -1,0 +1,320 @@
+"""Which grasps of an arm work at a pose of the part: the hand, inverse kinematics, the straight ways, the robot."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import InputError
+from ..grasping.grasps import GraspSet
+from ..robots.arm import Arm
+from ..robots.ik import IKSolutions, track
+from ..robots.robot import Robot
+from ..robots.scene import Scene
+from ..robots.state import Contact, SceneState
+from ..transforms import Array, compose, invert
+from .clearance import Mask, hands_hit
+
+APPROACH = 0.05  # m that a hand comes straight to the part, and leaves it
+LIFT = 0.05  # m that a part goes straight up from its support, and comes down to it
+_LINE_POSES = 6
+_UP = np.array([0.0, 0.0, 1.0])
+
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Holder:
+    """An arm and the grasps of one part by its hand.
+
+    Attributes:
+        arm: The arm.
+        grasps: The n grasps.
+        part_from_flange: (n, 4, 4) poses of the arm's flange where it grasps, in the part's frame.
+    """
+
+    arm: Arm
+    grasps: GraspSet
+    part_from_flange: Array
+
+    @classmethod
+    def of(cls, robot: Robot, arm: str, grasps: GraspSet) -> Holder:
+        """``grasps`` by the hand of ``arm``.
+
+        Raises:
+            InputError: There is no such arm, it has no hand, or the grasps are another hand's.
+        """
+        mounted = robot.arm(arm)
+        if mounted.hand is None or mounted.hand.name != grasps.hand:
+            name = mounted.hand.name if mounted.hand else "no hand"
+            raise InputError(f"arm {arm}", f"has {name}, and the grasps are for {grasps.hand}", "plan them for its hand")
+        return cls(mounted, grasps, grasps.part_from_hand @ invert(mounted.flange_from_hand(grasps.opening)))
+
+    def pads(self, part: str, grasp: int) -> list[Contact]:
+        """The contacts of the hand's pads (or lip) with ``part`` in a grasp; free again when the fingers open a bit."""
+        hand = self.arm.hand
+        assert hand is not None  # noqa: S101 -- `of` made sure
+        pose = self.grasps.part_from_hand[grasp]
+        if not hand.pads:
+            return [Contact(part, f"{self.arm.name}/{hand.pieces[0].name}", -pose[:3, 2])]
+        pieces = {piece.joint: piece.name for piece in hand.pieces}
+        sides = [-pose[:3, 0], *[pose[:3, 0]] * (len(hand.pads) - 1)]
+        return [
+            Contact(part, f"{self.arm.name}/{pieces[pad.joint]}", side)
+            for pad, side in zip(hand.pads, sides, strict=True)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A pose of the part: resting on a support, or held in the air.
+
+    Attributes:
+        name: What reports call it.
+        world_from_part: (4, 4).
+        support: The body it rests on; None in the air.
+        to_leave: Whether hands come and go here; false where the part is held at the end.
+    """
+
+    name: str
+    world_from_part: Array
+    support: str | None
+    to_leave: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """m ways of one arm to have the part at a node: a grasp and a branch of inverse kinematics each.
+
+    Attributes:
+        grasp: (m,) index of the grasp, ascending.
+        at: (m, dof) joints of the arm where it holds the part there.
+        before: (m, dof) where the open hand comes from, and goes to; as ``at`` for a node that is not left.
+        above: (m, dof) where the hand holds the part above its support; as ``at`` in the air.
+    """
+
+    grasp: Rows
+    at: Array
+    before: Array
+    above: Array
+
+    def mask(self, n: int) -> Mask:
+        """Which of ``n`` grasps are among these (n,)."""
+        mask = np.zeros(n, dtype=bool)
+        mask[self.grasp] = True
+        return mask
+
+    def take(self, chosen: Mask | Rows) -> Reach:
+        """The chosen ways: a mask or indices."""
+        return Reach(self.grasp[chosen], self.at[chosen], self.before[chosen], self.above[chosen])
+
+    def joined(self, other: Reach) -> Reach:
+        """These ways and the other's, by grasp."""
+        grasp = np.concatenate([self.grasp, other.grasp])
+        pairs = ((self.at, other.at), (self.before, other.before), (self.above, other.above))
+        return Reach(grasp, *(np.concatenate(pair) for pair in pairs)).take(np.argsort(grasp, kind="stable"))
+
+
+@dataclass(eq=False)
+class _Tested:
+    """What is known of one arm at one node."""
+
+    tested: Mask
+    reach: Reach
+    dropped: Counter[str] = field(default_factory=Counter)
+
+
+class Reacher:
+    """Finds, when asked, which grasps of a part work at a node; remembers the answers, and why the others do not.
+
+    Tests run from the cheap to the dear, each on what the one before left: the hand at both openings against everything
+    that stands around, inverse kinematics, the straight ways of hand and part, the whole robot.
+
+    Args:
+        scene: The scene.
+        state: Where everything else stands; arms that carry nothing else count as at home.
+        part: Name of the part.
+        holders: Its grasps by arm.
+    """
+
+    def __init__(self, scene: Scene, state: SceneState, part: str, holders: Mapping[str, Holder]) -> None:
+        self.scene, self.part, self.holders = scene, part, holders
+        self.state = at_rest(scene, state, part)
+        self._tested: dict[tuple[str, str], _Tested] = {}
+        self._blocked: dict[str, str] = {}
+
+    def reach(self, node: Node, arm: str, wanted: Mask) -> Reach:
+        """The ways of ``arm`` to have the part at ``node`` with the ``wanted`` grasps (n,)."""
+        holder = self.holders[arm]
+        entry = self._tested.get((node.name, arm))
+        if entry is None:
+            entry = _Tested(np.zeros(len(holder.grasps), dtype=bool), self._nothing(arm))
+            self._tested[node.name, arm] = entry
+        (new,) = np.nonzero(wanted & ~entry.tested)
+        if len(new):
+            entry.tested[new] = True
+            entry.reach = entry.reach.joined(self._evaluate(node, holder, new, entry.dropped))
+        return entry.reach.take(wanted[entry.reach.grasp])
+
+    def dropped(self) -> dict[tuple[str, str], Counter[str]]:
+        """For each node and arm that was asked for, how many grasps fell to each cause."""
+        return {key: entry.dropped for key, entry in self._tested.items()}
+
+    def tested(self) -> dict[tuple[str, str], tuple[int, int]]:
+        """For each node and arm that was asked for, how many grasps were tested, and how many work."""
+        return {key: (int(e.tested.sum()), len(np.unique(e.reach.grasp))) for key, e in self._tested.items()}
+
+    def state_at(self, node: Node) -> SceneState:
+        """The state with the part at ``node``, held by nobody."""
+        state = self.state.with_pose(self.part, node.world_from_part)
+        if node.support is not None:
+            state = state.with_contacts([*state.contacts, rest_contact(self.scene, state, node.support, self.part)])
+        return state
+
+    def _nothing(self, arm: str) -> Reach:
+        none = np.zeros((0, self.holders[arm].arm.chain.dof))
+        return Reach(np.zeros(0, dtype=np.intp), none, none, none)
+
+    def _evaluate(self, node: Node, holder: Holder, grasp: Rows, dropped: Counter[str]) -> Reach:
+        arm, nothing = holder.arm, self._nothing(holder.arm.name)
+        state = self.state_at(node)
+        blocked = self._part_blocked(node, state)
+        if blocked:
+            dropped[blocked] += len(grasp)
+            return nothing
+        grasp = self._hands_clear(node, holder, grasp, state, dropped)
+        found = arm.solver(node.world_from_part @ holder.part_from_flange[grasp])
+        dropped["no inverse kinematics at the grasp"] += int((~found.solved).sum())
+        first, others = _nearest_first(found, self.scene.robot.home[arm.indices])
+        # Branches near home make short ways; the others are looked at only where the nearest does not do.
+        failed: dict[int, str] = {}
+        reach = self._followed_and_free(node, holder, _rows(grasp, found, first), state, failed)
+        others = others[~np.isin(grasp[found.target[others]], reach.grasp)]
+        reach = reach.joined(self._followed_and_free(node, holder, _rows(grasp, found, others), state, failed))
+        for lost in np.setdiff1d(grasp[found.solved], reach.grasp):
+            dropped[failed[int(lost)]] += 1
+        return reach
+
+    def _followed_and_free(
+        self, node: Node, holder: Holder, reach: Reach, state: SceneState, failed: dict[int, str]
+    ) -> Reach:
+        """The ways whose lines can be followed and on which the robot is free; why the others fail, by grasp."""
+        arm = holder.arm
+        if node.to_leave:
+            back = -self._approach(node, holder, reach.grasp) * APPROACH
+            end, followed = _followed(arm, reach.at, node.world_from_part @ holder.part_from_flange[reach.grasp], back)
+            failed.update(dict.fromkeys(reach.grasp[~followed].tolist(), "no inverse kinematics along the approach"))
+            reach = replace(reach, before=end).take(followed)
+        if node.support is not None:
+            up = np.tile(LIFT * _UP, (len(reach.grasp), 1))
+            end, followed = _followed(arm, reach.at, node.world_from_part @ holder.part_from_flange[reach.grasp], up)
+            failed.update(dict.fromkeys(reach.grasp[~followed].tolist(), "no inverse kinematics along the lift"))
+            reach = replace(reach, above=end).take(followed)
+        return self._robot_free(node, holder, reach, state, failed)
+
+    def _part_blocked(self, node: Node, state: SceneState) -> str:
+        """What the part touches at ``node``, in words; empty if nothing."""
+        if node.name not in self._blocked:
+            touching = self.scene.checker(state).static
+            self._blocked[node.name] = "part against " + " / ".join(touching[0]) if touching else ""
+        return self._blocked[node.name]
+
+    def _hands_clear(
+        self, node: Node, holder: Holder, grasp: Rows, state: SceneState, dropped: Counter[str]
+    ) -> Rows:
+        """The grasps whose hand touches nothing that stands around: closed, open, and open where it comes from."""
+        hand, arm = holder.arm.hand, holder.arm
+        assert hand is not None  # noqa: S101 -- `Holder.of` made sure
+        poses = {name: self.scene.world_from_body(state, name) for name in self.scene.bodies if name != self.part}
+        sets = holder.grasps
+        for opening, back in ((sets.approach_opening, 0.0), (sets.opening, 0.0), (sets.approach_opening, APPROACH)):
+            if back and not node.to_leave:
+                continue
+            base = node.world_from_part @ holder.part_from_flange[grasp] @ arm.flange_from_base
+            base[:, :3, 3] -= back * self._approach(node, holder, grasp)
+            for name, pose in poses.items():
+                hits = hands_hit(hand, base, opening[grasp], self.scene.bodies[name], pose)
+                dropped[f"hand against {name}"] += int(hits.sum())
+                grasp, base = grasp[~hits], base[~hits]
+        return grasp
+
+    def _approach(self, node: Node, holder: Holder, grasp: Rows) -> Array:
+        """Approach directions (n, 3) of grasps in the world."""
+        directions: Array = holder.grasps.part_from_hand[grasp, :3, 2] @ node.world_from_part[:3, :3].T
+        return directions
+
+    def _robot_free(
+        self, node: Node, holder: Holder, reach: Reach, state: SceneState, failed: dict[int, str]
+    ) -> Reach:
+        """The ways in which the robot touches nothing: at the grasp, where the hand comes from, above the support."""
+        name, robot = holder.arm.name, self.scene.robot
+        lifted = self.state.with_pose(self.part, compose(np.eye(3), LIFT * _UP) @ node.world_from_part)
+        places = [(state, "at")]
+        places += [(state, "before")] if node.to_leave else []
+        places += [(lifted, "above")] if node.support is not None else []
+        openings = holder.grasps.approach_opening[reach.grasp]
+        free = np.ones(len(reach.grasp), dtype=bool)
+        for where, joints in places:
+            for opening in np.unique(openings[free]):
+                checker = self.scene.checker(where.with_opening(name, opening), {name})
+                rows = np.flatnonzero(free & (openings == opening))
+                for row, q in zip(rows, robot.with_joints(where.q, name, getattr(reach, joints)[rows]), strict=True):
+                    pair = checker.first_touching(q)
+                    if pair is not None:
+                        free[row] = False
+                        failed[int(reach.grasp[row])] = f"robot in collision: {' / '.join(pair)}"
+        return reach.take(free)
+
+
+def _nearest_first(found: IKSolutions, home: Array) -> tuple[Rows, Rows]:
+    """Rows of ``found``: for each target the one nearest to ``home`` (dof,), and all others."""
+    distance = np.abs(found.q - home).max(axis=1, initial=0.0)
+    order = np.lexsort((distance, found.target))
+    leads = np.diff(found.target[order], prepend=-1) > 0
+    return order[leads], np.sort(order[~leads])
+
+
+def _rows(grasp: Rows, found: IKSolutions, rows: Rows) -> Reach:
+    q = found.q[rows]
+    return Reach(grasp[found.target[rows]], q, q, q)
+
+
+def _followed(arm: Arm, q: Array, flanges: Array, way: Array) -> tuple[Array, Mask]:
+    """Joints (m, dof) at the end of straight ways (m, 3) [m] of the flange, and whether they lead there (m,)."""
+    line = np.repeat(flanges[None], _LINE_POSES, axis=0)
+    line[:, :, :3, 3] += np.linspace(0.0, 1.0, _LINE_POSES)[:, None, None] * way
+    path, reached = track(arm.chain, q, line)
+    return path[-1], reached == _LINE_POSES
+
+
+def at_rest(scene: Scene, state: SceneState, part: str) -> SceneState:
+    """``state`` with the arms that carry nothing but ``part`` at home, and without contacts of the part."""
+    q = np.array(state.q)
+    busy = {state.carrier(body)[0] for body in state.attached if _root(state, body) != part}
+    for name, arm in scene.robot.arms.items():
+        if name not in busy:
+            q[arm.indices] = scene.robot.home[arm.indices]
+    return apart(state.with_q(q), part)
+
+
+def apart(state: SceneState, part: str, kept: Iterable[str] = ()) -> SceneState:
+    """``state`` without the contacts of ``part``, and what it carries, with anything else but the pieces ``kept``."""
+    whole = {part} | {body for body in state.attached if _root(state, body) == part}
+    left = [c for c in state.contacts if (c.first in whole) == (c.second in whole) or c.second in kept]
+    return state.with_contacts(left)
+
+
+def rest_contact(scene: Scene, state: SceneState, support: str, part: str) -> Contact:
+    """The contact of ``part`` with the ``support`` that it stands on."""
+    return Contact(support, part, scene.world_from_body(state, support)[:3, :3].T @ _UP)
+
+
+def _root(state: SceneState, body: str) -> str:
+    """The body that carries ``body`` through other bodies and is itself carried by an arm or by nothing."""
+    while body in state.attached and state.attached[body].carrier in (*state.poses, *state.attached):
+        body = state.attached[body].carrier
+    return body
