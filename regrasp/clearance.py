@@ -50,7 +50,7 @@ class Boxes:
         return Boxes(self.center[chosen], self.axes[chosen], self.half[chosen])  # type: ignore[index]
 
     def apart(self, other: Boxes) -> Mask:
-        """Whether the boxes (...) lie apart, by the separating axes of two boxes (Gottschalk, Lin and Manocha, 1996)."""
+        """Whether the boxes (...) lie apart, by the separating axes of two boxes (Gottschalk et al., 1996)."""
         turn = np.swapaxes(self.axes, -1, -2) @ other.axes
         gap = (np.swapaxes(self.axes, -1, -2) @ (other.center - self.center)[..., None])[..., 0]
         size = np.abs(turn) + _PARALLEL

@@ -7,8 +7,9 @@ opens a node, and only for the grasps that matter there.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import networkx as nx
 import numpy as np
@@ -71,15 +72,24 @@ class RegraspGraph:
         nodes: Placements and handovers on the way; those in the air are handovers.
     """
 
-    def __init__(self, reacher: Reacher, start: Node, held: Held | None, nodes: Sequence[Node]) -> None:
-        names = [start.name, *(node.name for node in nodes)]
-        if len(set(names)) < len(names):
-            raise InputError("regrasp graph", "two nodes have the same name", "name every node differently")
-        self.reacher, self.start, self.held, self.nodes = reacher, start, held, tuple(nodes)
+    def __init__(self, reacher: Reacher, start: Node, held: Held | None, nodes: Iterable[Node]) -> None:
+        self.reacher, self.start, self.held, self._source = reacher, start, held, nodes
         self._struck: set[tuple[str, str, str, int]] = set()
         self._pairs: dict[tuple[str, str], HandoverPairs] = {}
         self._looked = 0
         self._links: dict[tuple[str, str, str], int] = {}
+
+    @cached_property
+    def nodes(self) -> tuple[Node, ...]:
+        """Placements and handovers on the way; found when a direct way was not.
+
+        Raises:
+            InputError: Two have the same name.
+        """
+        nodes = tuple(self._source)
+        if len({self.start.name, *(node.name for node in nodes)}) < 1 + len(nodes):
+            raise InputError("regrasp graph", "two nodes have the same name", "name every node differently")
+        return nodes
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -113,7 +123,7 @@ class RegraspGraph:
         return self._pairs[giver, taker]
 
     def ways(self, node: Node, arm: str, mask: Mask) -> Reach:
-        """The ways of ``arm`` to have the part at ``node`` with grasps of ``mask``; one where it is held at the start."""
+        """The ways of ``arm`` to have the part at ``node`` with grasps of ``mask``; one where it is held at first."""
         if self.held is not None and node is self.start:
             joints = self.held.joints[None]
             return Reach(np.array([self.held.grasp], dtype=np.intp), joints, joints, joints)
@@ -136,7 +146,10 @@ class RegraspGraph:
 
     def _routes(self, goals: Sequence[Goal], regrasps: int) -> Iterator[Route]:
         """Ways with exactly so many regrasps, depth first."""
-        leaving = {arm: self._leaving_start(arm) for arm in self.arms}
+        wanted = {arm: np.ones(len(self.reacher.holders[arm].grasps), dtype=bool) for arm in self.arms}
+        if regrasps == 0:
+            wanted = {arm: self._allowed(arm, goals) for arm in self.arms}
+        leaving = {arm: self.leaving_start(arm, mask) for arm, mask in wanted.items()}
         yield from self._extended(Route((self.start,), (), ()), leaving, goals, regrasps)
 
     def _extended(
@@ -216,13 +229,20 @@ class RegraspGraph:
         (indices,) = np.nonzero(mask)
         return indices[self.reacher.holders[arm].grasps[indices].spread(MOST_GRASPS)]
 
-    def _leaving_start(self, arm: str) -> Mask:
-        count = len(self.reacher.holders[arm].grasps)
+    def leaving_start(self, arm: str, wanted: Mask) -> Mask:
+        """Which of the ``wanted`` grasps (n,) ``arm`` can take the part with where it is."""
         if self.held is None:
-            return self.reacher.reach(self.start, arm, np.ones(count, dtype=bool)).mask(count)
-        mask = np.zeros(count, dtype=bool)
+            return self.reacher.reach(self.start, arm, wanted).mask(len(wanted))
+        mask = np.zeros(len(wanted), dtype=bool)
         if self.held.arm == arm:
-            mask[self.held.grasp] = True
+            mask[self.held.grasp] = wanted[self.held.grasp]
+        return mask
+
+    def _allowed(self, arm: str, goals: Sequence[Goal]) -> Mask:
+        mask = np.zeros(len(self.reacher.holders[arm].grasps), dtype=bool)
+        for goal in goals:
+            if arm in goal.allowed:
+                mask |= goal.allowed[arm]
         return mask
 
 

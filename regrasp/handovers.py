@@ -92,7 +92,7 @@ class HandoverPairs:
 def _hands(holder: Holder, openings: Array, back: float) -> HandPoses:
     """The hands of all grasps in the part's frame, ``back`` [m] along their approach."""
     arm: Arm = holder.arm
-    assert arm.hand is not None  # noqa: S101 -- `Holder.of` made sure
+    assert arm.hand is not None
     base = holder.part_from_flange @ arm.flange_from_base
     base[:, :3, 3] -= back * holder.grasps.part_from_hand[:, :3, 2]
     return HandPoses.of(arm.hand, base, openings)

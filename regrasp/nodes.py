@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -29,31 +30,30 @@ def between(
     goals: Sequence[Node],
     supports: Sequence[Support],
     rng: np.random.Generator,
-) -> list[Node]:
+) -> Iterator[Node]:
     """Placements on the supports, the shortest ways first, and handovers; in turns."""
-    at = start.world_from_part[:3, 3]
-    ends = np.array([goal.world_from_part[:3, 3] for goal in goals])
-    placements = _placements(reacher.scene, reacher.state_at(start), part, at, ends, supports)
+    placements = spots_for(reacher, part, start, goals, supports)
     handovers: list[Node] = []
     if len(reacher.holders) > 1:
         turned = [node.world_from_part[:3, :3] for node in (start, *goals[:1])]
-        middle = (at + ends.mean(axis=0)) / 2.0
+        middle = (start.world_from_part[:3, 3] + _ends(start, goals).mean(axis=0)) / 2.0
         handovers = sample_handovers(reacher.scene.robot, list(reacher.holders), middle, turned, rng)[:_MOST_HANDOVERS]
-    mixed = [node for pair in zip(placements, handovers, strict=False) for node in pair]
-    both = min(len(placements), len(handovers))
-    return mixed + placements[both:] + handovers[both:]
+    for placement, handover in itertools.zip_longest(placements, handovers):
+        yield from (node for node in (placement, handover) if node is not None)
 
 
-def _placements(
-    scene: Scene, state: SceneState, part: Part, at: Array, ends: Array, supports: Sequence[Support]
+def spots_for(
+    reacher: Reacher, part: Part, start: Node, goals: Sequence[Node], supports: Sequence[Support]
 ) -> list[Node]:
-    """Free spots and turns on the supports at which the part rests, by the way from the start over there to a goal."""
+    """Free spots and turns on ``supports`` at which ``part`` rests, those on the shortest ways to a goal first."""
     if not supports:
         return []
+    scene, state = reacher.scene, reacher.state_at(start)
+    at, ends = start.world_from_part[:3, 3], _ends(start, goals)
     stable = find_placements(part)
     found: list[tuple[float, Node]] = []
     for support in supports:
-        occupied = _occupied(scene, state, part.name, support)
+        occupied = _occupied(scene, state, reacher.part, support)
         spots = find_spots(stable, support, spacing=_SPACING, occupied=occupied)
         places = spots.world_from_part[:, :3, 3]
         way = np.linalg.norm(places - at, axis=1) + np.linalg.norm(places[:, None] - ends, axis=-1).min(axis=1)
@@ -66,6 +66,11 @@ def _placements(
             node = Node(f"{words} ({place + 1})", spots.world_from_part[i], support.name)
             found.append((float(place + way[i]), node))  # near ones of every kind before the second of any
     return [node for _, node in sorted(found, key=lambda entry: entry[0])]
+
+
+def _ends(start: Node, goals: Sequence[Node]) -> Array:
+    """Positions (g, 3) of the goals, or of the start where there are none."""
+    return np.array([node.world_from_part[:3, 3] for node in goals or [start]])
 
 
 def _occupied(scene: Scene, state: SceneState, part: str, support: Support) -> list[Array]:

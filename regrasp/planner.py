@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import NoRegraspError
 from ..grasping.grasps import GraspSet
 from ..grasping.part import Part
 from ..robots.scene import Scene
@@ -76,7 +75,7 @@ def plan_regrasp(
         state: Where everything is; the part rests with its contact among the state's contacts, or is held.
         part: The part.
         grasps: Its grasps by arm.
-        goals: Where it may end: placements, where it is let go, or poses in the air (not ``to_leave``), where it is held.
+        goals: Where it may end: placements, where it is let go, or poses in the air (not ``to_leave``).
         supports: Where it may be put down on the way.
         rests_on: The body on which it rests at the start, if it does.
         held: How it is held at the start, if it is.
@@ -185,7 +184,7 @@ def _follow_some(
             break
         done = 0
         try:
-            for done in range(len(links)):  # noqa: B007 -- tells where it failed
+            for done in range(len(links)):
                 _follow(graph, route, links, done, motions)
         except StepError as error:
             motions.back_to(start)
@@ -210,7 +209,7 @@ def _follow(graph: RegraspGraph, route: Route, links: Sequence[Link], k: int, mo
     if source.support is not None:
         motions.lift(holder, part, link.grasp, LIFT)
     words = f"{link.arm} arm carries {part}"
-    motions.free({link.arm: link.target.above[0]}, "transfer", words, part, grasp=link.grasp)
+    motions.free({link.arm: link.target.above[0]}, "transfer", words, part, grasp=holder.row(link.grasp))
     if target.support is not None:
         motions.lower(holder, part, link.grasp, target.world_from_part, target.support)
         motions.give(holder, part, link.grasp)

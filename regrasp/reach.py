@@ -51,13 +51,19 @@ class Holder:
         mounted = robot.arm(arm)
         if mounted.hand is None or mounted.hand.name != grasps.hand:
             name = mounted.hand.name if mounted.hand else "no hand"
-            raise InputError(f"arm {arm}", f"has {name}, and the grasps are for {grasps.hand}", "plan them for its hand")
+            raise InputError(
+                f"arm {arm}", f"has {name}, and the grasps are for {grasps.hand}", "plan them for its hand"
+            )
         return cls(mounted, grasps, grasps.part_from_hand @ invert(mounted.flange_from_hand(grasps.opening)))
+
+    def row(self, grasp: int) -> GraspSet:
+        """One grasp, as a set."""
+        return self.grasps[np.array([grasp])]
 
     def pads(self, part: str, grasp: int) -> list[Contact]:
         """The contacts of the hand's pads (or lip) with ``part`` in a grasp; free again when the fingers open a bit."""
         hand = self.arm.hand
-        assert hand is not None  # noqa: S101 -- `of` made sure
+        assert hand is not None
         pose = self.grasps.part_from_hand[grasp]
         if not hand.pads:
             return [Contact(part, f"{self.arm.name}/{hand.pieces[0].name}", -pose[:3, 2])]
@@ -203,15 +209,15 @@ class Reacher:
         self, node: Node, holder: Holder, reach: Reach, state: SceneState, failed: dict[int, str]
     ) -> Reach:
         """The ways whose lines can be followed and on which the robot is free; why the others fail, by grasp."""
-        arm = holder.arm
+        arm, flanges = holder.arm, node.world_from_part @ holder.part_from_flange
         if node.to_leave:
             back = -self._approach(node, holder, reach.grasp) * APPROACH
-            end, followed = _followed(arm, reach.at, node.world_from_part @ holder.part_from_flange[reach.grasp], back)
+            end, followed = followed_line(arm, reach.at, flanges[reach.grasp], back)
             failed.update(dict.fromkeys(reach.grasp[~followed].tolist(), "no inverse kinematics along the approach"))
             reach = replace(reach, before=end).take(followed)
         if node.support is not None:
             up = np.tile(LIFT * _UP, (len(reach.grasp), 1))
-            end, followed = _followed(arm, reach.at, node.world_from_part @ holder.part_from_flange[reach.grasp], up)
+            end, followed = followed_line(arm, reach.at, flanges[reach.grasp], up)
             failed.update(dict.fromkeys(reach.grasp[~followed].tolist(), "no inverse kinematics along the lift"))
             reach = replace(reach, above=end).take(followed)
         return self._robot_free(node, holder, reach, state, failed)
@@ -223,12 +229,10 @@ class Reacher:
             self._blocked[node.name] = "part against " + " / ".join(touching[0]) if touching else ""
         return self._blocked[node.name]
 
-    def _hands_clear(
-        self, node: Node, holder: Holder, grasp: Rows, state: SceneState, dropped: Counter[str]
-    ) -> Rows:
+    def _hands_clear(self, node: Node, holder: Holder, grasp: Rows, state: SceneState, dropped: Counter[str]) -> Rows:
         """The grasps whose hand touches nothing that stands around: closed, open, and open where it comes from."""
         hand, arm = holder.arm.hand, holder.arm
-        assert hand is not None  # noqa: S101 -- `Holder.of` made sure
+        assert hand is not None
         poses = {name: self.scene.world_from_body(state, name) for name in self.scene.bodies if name != self.part}
         sets = holder.grasps
         for opening, back in ((sets.approach_opening, 0.0), (sets.opening, 0.0), (sets.approach_opening, APPROACH)):
@@ -247,9 +251,7 @@ class Reacher:
         directions: Array = holder.grasps.part_from_hand[grasp, :3, 2] @ node.world_from_part[:3, :3].T
         return directions
 
-    def _robot_free(
-        self, node: Node, holder: Holder, reach: Reach, state: SceneState, failed: dict[int, str]
-    ) -> Reach:
+    def _robot_free(self, node: Node, holder: Holder, reach: Reach, state: SceneState, failed: dict[int, str]) -> Reach:
         """The ways in which the robot touches nothing: at the grasp, where the hand comes from, above the support."""
         name, robot = holder.arm.name, self.scene.robot
         lifted = self.state.with_pose(self.part, compose(np.eye(3), LIFT * _UP) @ node.world_from_part)
@@ -283,7 +285,7 @@ def _rows(grasp: Rows, found: IKSolutions, rows: Rows) -> Reach:
     return Reach(grasp[found.target[rows]], q, q, q)
 
 
-def _followed(arm: Arm, q: Array, flanges: Array, way: Array) -> tuple[Array, Mask]:
+def followed_line(arm: Arm, q: Array, flanges: Array, way: Array) -> tuple[Array, Mask]:
     """Joints (m, dof) at the end of straight ways (m, 3) [m] of the flange, and whether they lead there (m,)."""
     line = np.repeat(flanges[None], _LINE_POSES, axis=0)
     line[:, :, :3, 3] += np.linspace(0.0, 1.0, _LINE_POSES)[:, None, None] * way
@@ -294,7 +296,7 @@ def _followed(arm: Arm, q: Array, flanges: Array, way: Array) -> tuple[Array, Ma
 def at_rest(scene: Scene, state: SceneState, part: str) -> SceneState:
     """``state`` with the arms that carry nothing but ``part`` at home, and without contacts of the part."""
     q = np.array(state.q)
-    busy = {state.carrier(body)[0] for body in state.attached if _root(state, body) != part}
+    busy = {state.carrier(body)[0] for body in state.attached if root_of(state, body) != part}
     for name, arm in scene.robot.arms.items():
         if name not in busy:
             q[arm.indices] = scene.robot.home[arm.indices]
@@ -303,7 +305,7 @@ def at_rest(scene: Scene, state: SceneState, part: str) -> SceneState:
 
 def apart(state: SceneState, part: str, kept: Iterable[str] = ()) -> SceneState:
     """``state`` without the contacts of ``part``, and what it carries, with anything else but the pieces ``kept``."""
-    whole = {part} | {body for body in state.attached if _root(state, body) == part}
+    whole = {part} | {body for body in state.attached if root_of(state, body) == part}
     left = [c for c in state.contacts if (c.first in whole) == (c.second in whole) or c.second in kept]
     return state.with_contacts(left)
 
@@ -313,7 +315,7 @@ def rest_contact(scene: Scene, state: SceneState, support: str, part: str) -> Co
     return Contact(support, part, scene.world_from_body(state, support)[:3, :3].T @ _UP)
 
 
-def _root(state: SceneState, body: str) -> str:
+def root_of(state: SceneState, body: str) -> str:
     """The body that carries ``body`` through other bodies and is itself carried by an arm or by nothing."""
     while body in state.attached and state.attached[body].carrier in (*state.poses, *state.attached):
         body = state.attached[body].carrier

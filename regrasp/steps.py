@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 
 from ..errors import PlanningError
+from ..grasping.grasps import GraspSet
 from ..robots.grip import plan_grip
 from ..robots.motion import plan_motion
 from ..robots.scene import Scene
-from ..robots.state import Contact, SceneState
+from ..robots.state import SceneState
 from ..robots.straight import LineTolerance, plan_linear
 from ..robots.timing import time_motion
 from ..robots.trajectory import Trajectory
@@ -47,7 +48,7 @@ class Step:
         trajectory: The motion of all joints.
         openings: For each hand that moves, its opening at the start and the end [m].
         events: Takings and lettings go.
-        grasp: Index of the grasp in the arm's set, where it holds the part or is about to.
+        grasp: The grasp (a set of one) with which the arm holds the part, or is about to.
         end: Where everything is at its end.
     """
 
@@ -59,7 +60,7 @@ class Step:
     trajectory: Trajectory
     openings: Mapping[str, tuple[float, float]]
     events: tuple[Event, ...]
-    grasp: int | None
+    grasp: GraspSet | None
     end: SceneState
 
 
@@ -111,12 +112,29 @@ class Motions:
             StepError: A motion was not found.
         """
         arm, opening = holder.arm.name, float(holder.grasps.approach_opening[grasp])
-        self.free({arm: before}, "transit", f"{arm} hand goes to {part}", part, opening=(arm, opening), grasp=grasp)
+        self.free(
+            {arm: before},
+            "transit",
+            f"{arm} hand goes to {part}",
+            part,
+            opening=(arm, opening),
+            grasp=holder.row(grasp),
+        )
         hand = holder.part_from_flange[grasp] @ holder.arm.flange_from_hand(opening)[0]
-        self.line(arm, self._world_from(part) @ hand, "approach", f"{arm} hand comes to {part}", part, grasp=grasp)
+        self.line(
+            arm, self._world_from(part) @ hand, "approach", f"{arm} hand comes to {part}", part, grasp=holder.row(grasp)
+        )
         self.state = self.state.with_contacts([*self.state.contacts, *holder.pads(part, grasp)])
         attach = Event("attach", part, arm, at_end=True)
-        self.grip(arm, float(holder.grasps.opening[grasp]), "close", f"{arm} hand takes {part}", part, (attach,), grasp)
+        self.grip(
+            arm,
+            float(holder.grasps.opening[grasp]),
+            "close",
+            f"{arm} hand takes {part}",
+            part,
+            (attach,),
+            holder.row(grasp),
+        )
 
     def give(self, holder: Holder, part: str, grasp: int) -> None:
         """Let ``part`` go, which now rests or is held by something else, and draw the hand back.
@@ -126,7 +144,7 @@ class Motions:
         """
         arm, opening = holder.arm.name, float(holder.grasps.approach_opening[grasp])
         detach = Event("detach", part, arm, at_end=False)
-        self.grip(arm, opening, "open", f"{arm} hand lets {part} go", part, (detach,), grasp)
+        self.grip(arm, opening, "open", f"{arm} hand lets {part} go", part, (detach,), holder.row(grasp))
         pads = {contact.second for contact in holder.pads(part, grasp)}
         self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in pads)
 
@@ -139,7 +157,7 @@ class Motions:
         arm = holder.arm.name
         hand = self.scene.robot.hand_pose(arm, self.state.q, self.state.openings[arm])
         hand[:3, 3] -= distance * hand[:3, 2]
-        self.line(arm, hand, "retreat", f"{arm} hand leaves {part}", part, grasp=grasp)
+        self.line(arm, hand, "retreat", f"{arm} hand leaves {part}", part, grasp=holder.row(grasp))
 
     def lift(self, holder: Holder, part: str, grasp: int, distance: float) -> None:
         """Lift ``part`` straight off what it rests on, by ``distance`` [m].
@@ -150,7 +168,7 @@ class Motions:
         arm = holder.arm.name
         hand = self.scene.robot.hand_pose(arm, self.state.q, self.state.openings[arm])
         hand[2, 3] += distance
-        self.line(arm, hand, "lift", f"{arm} hand lifts {part}", part, grasp=grasp)
+        self.line(arm, hand, "lift", f"{arm} hand lifts {part}", part, grasp=holder.row(grasp))
         self.state = apart(self.state, part, kept={contact.second for contact in holder.pads(part, grasp)})
 
     def lower(self, holder: Holder, part: str, grasp: int, world_from_part: Array, support: str) -> None:
@@ -163,7 +181,7 @@ class Motions:
         contact = rest_contact(self.scene, self.state, support, part)
         self.state = self.state.with_contacts([*self.state.contacts, contact])
         words = f"{arm} hand puts {part} on {support}"
-        self.line(arm, self.hand_for(arm, part, world_from_part), "lower", words, part, grasp=grasp)
+        self.line(arm, self.hand_for(arm, part, world_from_part), "lower", words, part, grasp=holder.row(grasp))
 
     def hand_for(self, arm: str, part: str, world_from_part: Array) -> Array:
         """The pose (4, 4) of the hand of ``arm`` that puts ``part``, which it holds, at a pose (4, 4) in the world."""
@@ -182,7 +200,7 @@ class Motions:
         part: str | None,
         *,
         opening: tuple[str, float] | None = None,
-        grasp: int | None = None,
+        grasp: GraspSet | None = None,
     ) -> None:
         """Bring arms to ``joints`` (dof,) each; arms that carry nothing and are not named go home meanwhile.
 
@@ -221,7 +239,7 @@ class Motions:
         words: str,
         part: str,
         *,
-        grasp: int | None = None,
+        grasp: GraspSet | None = None,
         tolerance: LineTolerance = _LINE,
         events: Sequence[Event] = (),
     ) -> None:
@@ -247,7 +265,7 @@ class Motions:
         words: str,
         part: str | None,
         events: tuple[Event, ...],
-        grasp: int | None,
+        grasp: GraspSet | None,
     ) -> None:
         """Bring a hand to an opening [m].
 
@@ -276,15 +294,13 @@ class Motions:
         trajectory: Trajectory,
         openings: Mapping[str, tuple[float, float]] | None = None,
         events: tuple[Event, ...] = (),
-        grasp: int | None = None,
+        grasp: GraspSet | None = None,
     ) -> None:
         end = self.state.with_q(trajectory.positions[-1])
         for arm, (_, opening) in (openings or {}).items():
             end = end.with_opening(arm, opening)
         end = self._after(end, events)
-        self.steps.append(
-            Step(kind, arms, part, words, self.state, trajectory, openings or {}, events, grasp, end)
-        )
+        self.steps.append(Step(kind, arms, part, words, self.state, trajectory, openings or {}, events, grasp, end))
         self.state = end
 
     def _after(self, state: SceneState, events: Sequence[Event]) -> SceneState:

@@ -1,0 +1,267 @@
+"""Joining two parts in the air: where and how the assembly is held, which arm holds what, and the last straight way."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import NoRegraspError, PlanningError
+from ..regrasp.clearance import Mask
+from ..regrasp.graph import Goal, RegraspGraph
+from ..regrasp.handovers import sample_handovers
+from ..regrasp.reach import APPROACH, Holder, Node, Rows, followed_line
+from ..regrasp.steps import Event, StepError
+from ..robots.state import Attachment, Contact, SceneState
+from ..robots.straight import INSERTION
+from ..transforms import Array, invert, pose
+from .fit import Fit, Insertion
+from .job import Job
+from .task import Attach
+
+_MOST_POSES = 96  # assembly poses that are looked at
+_ENOUGH = 3  # of them with hands that go together, of which the nearest come first
+_SPREAD = 60  # grasps a side that are tried at an assembly pose
+_TOGETHER = 16  # pairs of grasps whose whole robot is checked at an assembly pose
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """An assembly pose with grasps that go together there.
+
+    Attributes:
+        world_from_to: Pose (4, 4) of the part that the other is joined to.
+        fit: Which arm does what.
+        pairs: (k, 2) grasps of that part and of the moved one.
+        travel: Lower bound on the time in which the arms get there from their grasps' starts [s].
+    """
+
+    world_from_to: Array
+    fit: Fit
+    pairs: Rows
+    travel: float
+
+
+class NoMeetingError(PlanningError):
+    """Two parts do not come together.
+
+    Attributes:
+        report: What was tried and why it failed, a sentence each.
+    """
+
+    def __init__(self, part: str, to: str, report: Sequence[str]) -> None:
+        """Name the parts and the last reason."""
+        self.report = tuple(report)
+        last = f": {report[-1]}" if report else ""
+        super().__init__(f"no way to join {part} to {to}{last}")
+
+
+def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
+    """Bring both parts of ``goal`` together and join them; ``later`` are goals that join more to the same part.
+
+    Raises:
+        NoMeetingError: There is no way.
+    """
+    to = job.root(goal.to)
+    fits = [_fit(job, goal, to, arm, to_arm) for arm, to_arm in _arms(job, goal, to)]
+    graphs = {name: job.graph(name, []) for name in (goal.part, to)}
+    poses = list(_poses(job, goal, to))
+    failures: list[str] = []
+    for direct_part, direct_to, ahead in (
+        (True, True, True),
+        (True, False, True),
+        (True, True, False),
+        (True, False, False),
+        (False, True, False),
+        (False, False, False),
+    ):
+        if ahead and not later:
+            continue
+        meetings: list[Meeting] = []
+        for fit in fits:
+            hold = fit.holding(_wanted(graphs[to], fit.to_arm, direct_to))
+            move = fit.moving(_wanted(graphs[goal.part], fit.arm, direct_part))
+            for after in later if ahead else ():
+                hold &= _fit(job, after, to, fit.arm, fit.to_arm).holding(hold)
+            failures.append(
+                f"{fit.to_arm} arm holds {to}, {fit.arm} arm brings {goal.part}: {hold.sum()} and {move.sum()} grasps"
+                f" {'to take them with where they are' if direct_part and direct_to else 'after a regrasp'}"
+            )
+            job.tell(f"where {goal.part} and {to} meet")
+            found = _meetings(job, graphs, goal.part, to, fit, hold, move, poses)
+            meetings += itertools.islice(found, _ENOUGH)
+        for meeting in sorted(meetings, key=lambda entry: entry.travel):
+            try:
+                _join(job, graphs, goal.part, to, meeting, first=to if direct_part else goal.part)
+            except (NoRegraspError, StepError) as error:
+                failures.append(str(error))
+            else:
+                return
+    raise NoMeetingError(goal.part, goal.to, failures)
+
+
+def _arms(job: Job, goal: Attach, to: str) -> Iterator[tuple[str, str]]:
+    """Which arm moves the part and which holds the other, as far as neither is pinned."""
+    held = job.held(to)
+    for arm, to_arm in itertools.permutations(job.cell.robot.hands, 2):
+        if goal.arm in (None, arm) and goal.to_arm in (None, to_arm) and (held is None or held.arm == to_arm):
+            yield arm, to_arm
+
+
+def _fit(job: Job, goal: Attach, to: str, arm: str, to_arm: str) -> Fit:
+    root_from_to = invert(job.pose(to)) @ job.pose(goal.to)
+    direction = np.asarray(goal.insert.direction, dtype=float)
+    way = root_from_to[:3, :3] @ (goal.insert.distance * direction / np.linalg.norm(direction))
+    insertion = Insertion(root_from_to @ pose(goal.at.xyz, goal.at.rpy), way)
+    return Fit(job.cell.scene, insertion, job.whole(goal.part), job.whole(to), arm, to_arm)
+
+
+def _wanted(graph: RegraspGraph, arm: str, direct: bool) -> Mask:
+    """The grasps (n,) of ``arm``: all, or those with which it can take the part where it is."""
+    every = np.ones(len(graph.reacher.holders[arm].grasps), dtype=bool)
+    return graph.leaving_start(arm, every) if direct else every
+
+
+def _poses(job: Job, goal: Attach, to: str) -> Iterator[Array]:
+    """Poses (4, 4) of the part that is joined to: where it is held already, then all over the shared workspace."""
+    if goal.where is not None:
+        yield pose(goal.where.xyz, goal.where.rpy)
+        return
+    if job.held(to) is not None:
+        yield job.pose(to)
+    middle = (job.pose(to)[:3, 3] + job.pose(goal.part)[:3, 3]) / 2.0
+    turned = [job.pose(to)[:3, :3]]
+    rng = np.random.default_rng([job.seed, len(job.motions.steps)])
+    nodes = sample_handovers(job.cell.robot, list(job.cell.robot.hands), middle, turned, rng)
+    for node in nodes[:_MOST_POSES]:
+        yield node.world_from_part
+
+
+def _meetings(
+    job: Job,
+    graphs: dict[str, RegraspGraph],
+    part: str,
+    to: str,
+    fit: Fit,
+    hold: Mask,
+    move: Mask,
+    poses: Sequence[Array],
+) -> Iterator[Meeting]:
+    """Poses at which grasps of ``hold`` and ``move`` (n,) go together, hands and robot free of collision."""
+    some_hold, some_move = (_some(holder, mask) for holder, mask in ((fit.holder, hold), (fit.mover, move)))
+    if not (some_hold.any() and some_move.any()):
+        return
+    clear = fit.pairs(*(np.flatnonzero(mask) for mask in (some_hold, some_move)))
+    if not clear.any():
+        return
+    numbers = [np.cumsum(mask) - 1 for mask in (some_hold, some_move)]
+    for world_from_to in poses:
+        name = f"meeting {world_from_to.tobytes().hex()}"
+        here = Node(name, world_from_to, None, to_leave=False)
+        held = graphs[to].ways(here, fit.to_arm, some_hold)
+        if not len(held.grasp):
+            continue
+        before = Node(name, world_from_to @ fit.insertion.before(), None, to_leave=False)
+        moved = graphs[part].ways(before, fit.arm, some_move)
+        arm, flanges = fit.mover.arm, before.world_from_part @ fit.mover.part_from_flange[moved.grasp]
+        way = np.tile(world_from_to[:3, :3] @ fit.insertion.way, (len(moved.grasp), 1))
+        ends, followed = followed_line(arm, moved.at, flanges, way)
+        moved = replace(moved, above=ends).take(followed)
+        rows = np.argwhere(clear[np.ix_(numbers[0][held.grasp], numbers[1][moved.grasp])])
+        if not len(rows):
+            continue
+        home = job.cell.robot.home
+        travel = [
+            np.abs(ways.at[r] - home[a.indices]).max(axis=1)
+            for ways, a, r in zip((held, moved), (fit.holder.arm, arm), rows.T, strict=True)
+        ]
+        quality = fit.holder.grasps.quality[held.grasp[rows[:, 0]]] + fit.mover.grasps.quality[moved.grasp[rows[:, 1]]]
+        cost = np.maximum(*travel) - quality
+        good, best = [], np.inf
+        for row in np.argsort(cost, kind="stable")[:_TOGETHER]:
+            i, j = rows[row]
+            joints = (held.at[i], (moved.at[j], moved.above[j]))
+            if _together(job, part, to, fit, int(held.grasp[i]), int(moved.grasp[j]), joints):
+                good.append((held.grasp[i], moved.grasp[j]))
+                best = min(best, float(cost[row]))
+        if good:
+            yield Meeting(world_from_to, fit, np.array(good, dtype=np.intp), best)
+
+
+def _some(holder: Holder, mask: Mask) -> Mask:
+    """At most a few well-spread grasps of ``mask`` (n,)."""
+    (indices,) = np.nonzero(mask)
+    some = np.zeros_like(mask)
+    some[indices[holder.grasps[indices].spread(_SPREAD)]] = True
+    return some
+
+
+def _together(
+    job: Job, part: str, to: str, fit: Fit, hold: int, move: int, joints: tuple[Array, tuple[Array, Array]]
+) -> bool:
+    """Whether robot and both held parts are free of collision before the straight way and at its end."""
+    scene, state = job.cell.scene, job.motions.state
+    attached, poses = dict(state.attached), dict(state.poses)
+    q, openings = np.array(state.q), dict(state.openings)
+    contacts = [*state.contacts]
+    for name, holder, grasp in ((to, fit.holder, hold), (part, fit.mover, move)):
+        arm = holder.arm.name
+        attached[name] = Attachment(arm, invert(holder.part_from_flange[grasp]))
+        poses.pop(name, None)
+        openings[arm] = float(holder.grasps.opening[grasp])
+        contacts = [c for c in contacts if name not in (c.first, c.second)] + holder.pads(name, grasp)
+    contacts.append(_mated(fit.insertion, part, to))
+    q[fit.holder.arm.indices] = joints[0]
+    checker = scene.checker(SceneState(q, openings, poses, attached, tuple(contacts)), {fit.arm, fit.to_arm})
+    for at in joints[1]:
+        q[fit.mover.arm.indices] = at
+        if not checker.free(q):
+            return False
+    return True
+
+
+def _mated(insertion: Insertion, part: str, to: str) -> Contact:
+    """The contact that the parts may have: free again a bit back along the way."""
+    return Contact(to, part, -insertion.way / np.linalg.norm(insertion.way))
+
+
+def _join(job: Job, graphs: dict[str, RegraspGraph], part: str, to: str, meeting: Meeting, first: str) -> None:
+    """Bring both parts to ``meeting``, the ``first`` one with all the regrasps that it takes, and join them.
+
+    Raises:
+        NoRegraspError, StepError: A way was not found; nothing has been added to the job then.
+    """
+    fit, mark = meeting.fit, job.mark()
+    nodes = {
+        to: Node(f"{to} at the meeting", meeting.world_from_to, None, to_leave=False),
+        part: Node(f"{part} at the meeting", meeting.world_from_to @ fit.insertion.before(), None, to_leave=False),
+    }
+    sides = {to: (fit.holder, 0), part: (fit.mover, 1)}
+    pairs = meeting.pairs
+    try:
+        for name in (first, part if first == to else to):
+            holder, side = sides[name]
+            allowed = np.zeros(len(holder.grasps), dtype=bool)
+            allowed[pairs[:, side]] = True
+            graph = job.graph(name, [nodes[name]], graphs[name].reacher if name == first else None)
+            link = job.bring(graph, [Goal(nodes[name], {holder.arm.name: allowed})])
+            pairs = pairs[pairs[:, side] == link.grasp]
+        motions, arm, grasp = job.motions, fit.arm, int(pairs[0, 1])
+        motions.state = motions.state.with_contacts([*motions.state.contacts, _mated(fit.insertion, part, to)])
+        motions.line(
+            arm,
+            motions.hand_for(arm, part, job.pose(to) @ fit.insertion.at),
+            "insert",
+            f"{arm} hand pushes {part} onto {to}",
+            part,
+            grasp=fit.mover.row(grasp),
+            tolerance=INSERTION,
+            events=[Event("attach", part, to, at_end=True)],
+        )
+        motions.give(fit.mover, part, grasp)
+        motions.retreat(fit.mover, part, grasp, APPROACH)
+    except (NoRegraspError, StepError):
+        job.back_to(mark)
+        raise

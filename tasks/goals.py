@@ -1,0 +1,83 @@
+"""The goals that bring one part somewhere: put down at a pose, handed to an arm, put down after an assembly; and home."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+from ..regrasp.graph import Goal, RegraspGraph
+from ..regrasp.nodes import spots_for
+from ..regrasp.reach import Node
+from ..transforms import Array, invert, pose
+from .job import Job
+from .task import HandOver, Place
+
+_REACH = 1e-3  # m; a support lies no farther below a part
+
+
+def place(job: Job, goal: Place) -> None:
+    """Put the part of ``goal`` down at its pose.
+
+    Raises:
+        InputError: Nothing is there that the part could rest on.
+        NoRegraspError: There is no way.
+    """
+    part = job.root(goal.part)
+    wanted = pose(goal.at.xyz, goal.at.rpy) @ invert(job.pose(goal.part)) @ job.pose(part)
+    node = Node(f"{part} at its goal", wanted, _support_below(job, part, wanted))
+    graph = job.graph(part, [node])
+    job.bring(graph, [Goal(node, _any_grasp(graph, goal.arm))])
+
+
+def hand_over(job: Job, goal: HandOver) -> None:
+    """Give the part of ``goal`` to an arm, which ends holding it at a pose.
+
+    Raises:
+        NoRegraspError: There is no way.
+    """
+    part = job.root(goal.part)
+    wanted = pose(goal.at.xyz, goal.at.rpy) @ invert(job.pose(goal.part)) @ job.pose(part)
+    node = Node(f"{part} held by the {goal.to} arm", wanted, None, to_leave=False)
+    graph = job.graph(part, [node])
+    job.bring(graph, [Goal(node, _any_grasp(graph, goal.to))])
+
+
+def put_down(job: Job, part: str) -> None:
+    """Put ``part``, with what is assembled to it, down on any support.
+
+    Raises:
+        NoRegraspError: There is no way.
+    """
+    graph = job.graph(part, [])
+    nodes = spots_for(graph.reacher, job.whole(part).part, graph.start, [], job.cell.supports)
+    job.bring(graph, [Goal(node, _any_grasp(graph, None)) for node in nodes])
+
+
+def go_home(job: Job) -> None:
+    """Bring the arms that hold nothing home."""
+    job.tell("the way home")
+    robot, state = job.cell.robot, job.motions.state
+    busy = {state.carrier(body)[0] for body in state.attached}
+    free = {arm: robot.home[mounted.indices] for arm, mounted in robot.arms.items() if arm not in busy}
+    if free:
+        job.motions.free(
+            free, "transit", f"{' and '.join(free)} arm go home" if len(free) > 1 else "arm goes home", None
+        )
+
+
+def _any_grasp(graph: RegraspGraph, pinned: str | None) -> dict[str, Array]:
+    holders = graph.reacher.holders
+    return {arm: np.ones(len(h.grasps), dtype=bool) for arm, h in holders.items() if pinned in (None, arm)}
+
+
+def _support_below(job: Job, part: str, wanted: Array) -> str:
+    """The body that ``part`` rests on at ``wanted`` (4, 4): it touches it once it is a millimetre lower."""
+    lower = wanted.copy()
+    lower[2, 3] -= _REACH
+    scene, state = job.cell.scene, job.motions.state
+    whole = {part, *job.whole(part).others}
+    for name, body in scene.bodies.items():
+        if name not in whole and not state.carrier(name)[0]:
+            if scene.bodies[part].touches(body, invert(lower) @ scene.world_from_body(state, name)):
+                return name
+    raise InputError(f"goal: place {part}", "nothing is below it there", "give a pose at which it rests on something")

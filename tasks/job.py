@@ -1,0 +1,193 @@
+"""A job under way: the cell, the motions so far, and what is known of the parts that they move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from ..errors import PlanningError
+from ..grasping.grasps import GraspSet
+from ..grasping.joined import hold_whole, join_parts
+from ..grasping.part import Part
+from ..grasping.store import cached_grasps
+from ..regrasp.clearance import hands_hit
+from ..regrasp.graph import Goal, Held, RegraspGraph
+from ..regrasp.nodes import between
+from ..regrasp.planner import Link, bring
+from ..regrasp.reach import Holder, Node, Reacher, root_of
+from ..regrasp.steps import Motions
+from ..robots.state import SceneState
+from ..transforms import Array, invert
+from .cell import Cell
+
+Progress = Callable[[str], None]
+_SAME = 1e-9
+
+
+class TimeLimitError(PlanningError):
+    """The overall time limit is over.
+
+    Attributes:
+        seconds: The limit [s].
+    """
+
+    def __init__(self, seconds: float, doing: str) -> None:
+        """Tell what was being done."""
+        self.seconds = seconds
+        super().__init__(f"the time limit of {seconds:g} s was over while planning: {doing}; give more time")
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A moment of a job: how many steps there were, where everything was, and how it was held."""
+
+    steps: int
+    state: SceneState
+    used: dict[str, GraspSet]
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """A part with all that is assembled to it, in its own frame.
+
+    Attributes:
+        part: Both joined into one.
+        others: Names of what is assembled to it.
+        poses: Pose (4, 4) of each of those in the part's frame.
+        holders: The grasps of the whole by the arms' hands.
+    """
+
+    part: Part
+    others: tuple[str, ...]
+    poses: tuple[Array, ...]
+    holders: dict[str, Holder]
+
+
+class Job:
+    """Plans one thing after the other in a cell; what is planned so far is in ``motions``.
+
+    Attributes:
+        cell: The cell.
+        seed: Seed of all samples and searches.
+        motions: The motions so far, and where everything is after them.
+        goals: For each motion the number of the goal that it works for; none on the way home.
+    """
+
+    def __init__(self, cell: Cell, seed: int, time_limit: float, progress: Progress) -> None:
+        self.cell, self.seed = cell, seed
+        self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed)
+        self.goals: list[int | None] = []
+        self._used: dict[str, GraspSet] = {}
+        self._grasps: dict[tuple[str, str], GraspSet] = {}
+        self._wholes: dict[tuple[object, ...], Whole] = {}
+        self._end, self._limit, self._progress = perf_counter() + time_limit, time_limit, progress
+
+    def tell(self, doing: str) -> None:
+        """Report what is being done.
+
+        Raises:
+            TimeLimitError: The time is over.
+        """
+        if perf_counter() > self._end:
+            raise TimeLimitError(self._limit, doing)
+        self._progress(doing)
+
+    # Parts ------------------------------------------------------------------------------------------------------------
+
+    def root(self, part: str) -> str:
+        """The part that ``part`` is assembled to, directly or not; itself if to none."""
+        return root_of(self.motions.state, part)
+
+    def pose(self, part: str) -> Array:
+        """Pose (4, 4) of ``part`` in the world."""
+        return self.cell.scene.world_from_body(self.motions.state, part)
+
+    def rests_on(self, part: str) -> str | None:
+        """The body on which ``part`` rests, if it does."""
+        state = self.motions.state
+        if part in state.attached:
+            return None
+        below = (c.first for c in state.contacts if c.second == part and c.first in self.cell.scene.bodies)
+        return next(below, None)
+
+    def held(self, part: str) -> Held | None:
+        """How an arm holds ``part``, if one does."""
+        arm = self.motions.state.carrier(part)[0]
+        if not arm:
+            return None
+        used, holders = self._used[part], self.whole(part).holders
+        same = np.abs(holders[arm].grasps.part_from_hand - used.part_from_hand).max(axis=(1, 2)) < _SAME
+        if not same.any():  # the whole is too heavy for it, or in its way; still that is how it is held
+            same = np.append(same, True)
+            holders[arm] = Holder.of(self.cell.robot, arm, holders[arm].grasps.joined(used))
+        return Held(arm, int(same.argmax()), self.motions.state.q[self.cell.robot.arm(arm).indices])
+
+    def whole(self, part: str) -> Whole:
+        """``part`` with all that is assembled to it now, and the grasps that hold it."""
+        state, scene = self.motions.state, self.cell.scene
+        others = sorted(name for name in state.attached if name != part and self.root(name) == part)
+        part_from_world = invert(self.pose(part))
+        poses = [part_from_world @ self.pose(other) for other in others]
+        key = (part, *others, *(float(round(x, 6)) for pose in poses for x in pose.ravel()))
+        if key not in self._wholes:
+            alone = self.cell.parts[part]
+            joined = join_parts([alone, *(self.cell.parts[other] for other in others)], [np.eye(4), *poses])
+            holders = {}
+            for arm, hand in self.cell.robot.hands.items():
+                grasps = hold_whole(self.grasps(part, arm), alone, joined, hand)
+                holder = Holder.of(self.cell.robot, arm, grasps)
+                for other, pose in zip(others, poses, strict=True):
+                    base = holder.part_from_flange @ holder.arm.flange_from_base
+                    clear = ~hands_hit(hand, base, holder.grasps.opening, scene.bodies[other], pose)
+                    holder = Holder.of(self.cell.robot, arm, holder.grasps[clear])
+                holders[arm] = holder
+            self._wholes[key] = Whole(joined, tuple(others), tuple(poses), holders)
+        return self._wholes[key]
+
+    def grasps(self, part: str, arm: str) -> GraspSet:
+        """The grasps of ``part`` alone by the hand of ``arm``."""
+        hand = self.cell.robot.hands[arm]
+        made = self.cell.parts[part]
+        key = (made.digest, hand.name)
+        if key not in self._grasps:
+            self.tell(f"grasps of {part} by {hand.name}")
+            self._grasps[key] = cached_grasps(made, hand, self.cell.parameters[part])
+        return self._grasps[key]
+
+    # Moving -----------------------------------------------------------------------------------------------------------
+
+    def mark(self) -> Mark:
+        """Where to come back to with `back_to`."""
+        return Mark(len(self.motions.steps), self.motions.state, dict(self._used))
+
+    def back_to(self, mark: Mark) -> None:
+        """Forget all motions since `mark`."""
+        del self.motions.steps[mark.steps :]
+        self.motions.state, self._used = mark.state, dict(mark.used)
+
+    def graph(self, part: str, goals: Sequence[Node], reacher: Reacher | None = None) -> RegraspGraph:
+        """The regrasp graph of ``part``, with what is assembled to it, from where it is now.
+
+        A ``reacher`` of another such graph from here may be given, so that nothing is asked twice.
+        """
+        whole = self.whole(part)
+        start = Node("start", self.pose(part), self.rests_on(part))
+        reacher = reacher or Reacher(self.cell.scene, self.motions.state, part, whole.holders)
+        rng = np.random.default_rng([self.seed, len(self.motions.steps)])
+        nodes = between(reacher, whole.part, start, goals, self.cell.supports, rng)
+        return RegraspGraph(reacher, start, self.held(part), nodes)
+
+    def bring(self, graph: RegraspGraph, goals: Sequence[Goal]) -> Link:
+        """Bring the part of ``graph`` to one of ``goals``; the last link of its way.
+
+        Raises:
+            NoRegraspError: There is no way.
+        """
+        part = graph.reacher.part
+        self.tell(f"a way for {part}")
+        _, links = bring(graph, goals, self.motions)
+        self._used[part] = graph.reacher.holders[links[-1].arm].grasps[[links[-1].grasp]]
+        return links[-1]

@@ -1,0 +1,130 @@
+"""From a task to a verified plan."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+
+import msgspec
+
+from ..errors import PlanningError
+from .assembly import attach
+from .cell import build_cell
+from .document import FORMAT, Plan
+from .goals import go_home, hand_over, place, put_down
+from .job import Job, Progress
+from .models import model_digests
+from .record import actions_of
+from .task import Goal, Task
+from .task_file import task_to_builtins
+from .verify import Verification, verify
+
+TIME_LIMIT = 120.0  # s
+
+
+class UnverifiedError(PlanningError):
+    """A plan was found, but the independent check of it found faults.
+
+    Attributes:
+        verification: What it found.
+    """
+
+    def __init__(self, verification: Verification) -> None:
+        """Name the first faults."""
+        self.verification = verification
+        listed = "; ".join(fault.words for fault in verification.faults[:3])
+        super().__init__(f"the plan that was found does not pass its verification: {listed}")
+
+
+def plan(
+    task: Task,
+    folder: str | Path = ".",
+    *,
+    seed: int = 0,
+    time_limit: float = TIME_LIMIT,
+    progress: Progress = lambda doing: None,
+) -> Plan:
+    """Plan a task, and verify the plan.
+
+    The same task, seed and version give the same plan, but for the measured times.
+
+    Args:
+        task: The task.
+        folder: Where its relative paths start.
+        seed: Seed of all samples and searches.
+        time_limit: Bound on the time of planning [s].
+        progress: Called with words on what is being done.
+
+    Raises:
+        InputError: The task is not sound.
+        PlanningError: There is no plan, or the time was over.
+    """
+    clock = _Clock()
+    progress("cell")
+    cell = build_cell(task, folder)
+    clock.stage("cell")
+    job = Job(cell, seed, time_limit, progress)
+    for part in cell.parts:
+        for arm in cell.robot.hands:
+            job.grasps(part, arm)
+    clock.stage("grasps")
+    goals: list[int | None] = []
+    for number, goal in enumerate(task.goals):
+        _reach(job, goal, task.goals[number + 1 :])
+        goals += [number] * (len(job.motions.steps) - len(goals))
+    if task.end == "home":
+        go_home(job)
+        goals += [None] * (len(job.motions.steps) - len(goals))
+    clock.stage("regrasps and motions")
+    written = task_to_builtins(task)
+    made = Plan(
+        format=FORMAT,
+        version=version("kumitate"),
+        task=written,
+        folder=str(Path(folder).resolve()),
+        digests=model_digests(written, folder),
+        seed=seed,
+        joints=cell.robot.joint_names,
+        meshes=dict(cell.meshes),
+        actions=actions_of(cell.scene, job.motions.steps, goals),
+        seconds={},
+    )
+    clock.stage("document")
+    progress("verification")
+    verification = verify(made)
+    clock.stage("verification")
+    if not verification.ok:
+        raise UnverifiedError(verification)
+    return msgspec.structs.replace(made, seconds=clock.seconds)
+
+
+def _reach(job: Job, goal: Goal, to_come: tuple[Goal, ...]) -> None:
+    """Plan what one goal asks for.
+
+    Raises:
+        PlanningError: There is no way.
+    """
+    if goal.attach is not None:
+        same = [other.attach for other in to_come if other.attach is not None and other.attach.to == goal.attach.to]
+        attach(job, goal.attach, same)
+        if goal.attach.then == "place":
+            put_down(job, job.root(goal.attach.to))
+    elif goal.place is not None:
+        place(job, goal.place)
+    elif goal.hand_over is not None:
+        hand_over(job, goal.hand_over)
+
+
+class _Clock:
+    """Time by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def stage(self, name: str) -> None:
+        """Count the time since the last call for the stage ``name``."""
+        now = perf_counter()
+        self.seconds[name] = now - self._last
+        self._last = now
