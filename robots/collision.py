@@ -39,7 +39,7 @@ class _Mode:
 
     ``joints`` (bodies,) and ``poses`` (bodies, 4, 4) tell the joint that carries each body and the body's pose in its
     frame. Over body pairs: ``moving`` where a joint can change the relative pose, ``margins`` the distance to keep [m],
-    and for pairs that touch on purpose ``normals``: directions of the pair's second body out of the contacts, each with
+    ``clearance`` what they hold beyond the scene's own, and for pairs that touch on purpose ``normals``: directions of the pair's second body out of the contacts, each with
     the body in whose frame it is told.
     """
 
@@ -48,6 +48,20 @@ class _Mode:
     moving: npt.NDArray[np.bool_]
     margins: Array
     normals: dict[int, list[tuple[int, Array]]]
+    clearance: float = 0.0
+
+
+class _Lane:
+    """What pinocchio keeps to check one mode after the other: active pairs and margins, alike but for some pairs.
+
+    Modes of different clearance differ in nearly all margins, and to set those takes longer than many checks.
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, exact: pin.GeometryModel) -> None:
+        self.geometry, self.exact = pin.GeometryData(geometry), pin.GeometryData(exact)
+        self.manager = pin.BroadPhaseManager_NaiveCollisionManager(model, geometry, self.geometry)
+        self.callback = pin.CollisionCallBackDefault(geometry, self.geometry, True)
+        self.mode: _Mode | None = None
 
 
 class _Part(NamedTuple):
@@ -172,9 +186,7 @@ class CollisionEngine:
                 self._meetings.append(_Meeting(pair, self._exact_pairs(first, second), nests))
             self._members.append(list(range(start, len(self._meetings))))
         self._data = self._model.createData()
-        self._geometry_data, self._exact_data = pin.GeometryData(self._geometry), pin.GeometryData(self._exact)
-        self._manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._geometry, self._geometry_data)
-        self._callback = pin.CollisionCallBackDefault(self._geometry, self._geometry_data, True)
+        self._lanes: dict[float, _Lane] = {}
 
     def _add_piece(self, body: int, piece: Piece) -> _Part:
         number = self._add(self._geometry, body, piece.geometry, piece.placement)
@@ -227,7 +239,7 @@ class CollisionEngine:
         """``mode`` with ``clearance`` [m] more to keep for pairs that joints move and that are in no contact."""
         wider = mode.margins + np.where(mode.moving, clearance, 0.0)
         wider[list(mode.normals)] = mode.margins[list(mode.normals)]
-        return replace(mode, margins=wider)
+        return replace(mode, margins=wider, clearance=mode.clearance + clearance)
 
     def static(self, mode: _Mode) -> tuple[Pair, ...]:
         """Touching pairs among those that no joint can part."""
@@ -240,27 +252,26 @@ class CollisionEngine:
 
     def touching(self, mode: _Mode, q: Array, first_only: bool) -> tuple[Pair, ...]:
         """Touching pairs at ``q`` among those that joints move; at most one of them if ``first_only``."""
-        if self._current is not mode:
-            self._enter(mode)
-        if not pin.computeCollisions(self._model, self._data, self._manager, self._callback, q):
+        lane = self._enter(mode)
+        if not pin.computeCollisions(self._model, self._data, lane.manager, lane.callback, q):
             return ()
         found: list[Pair] = []
         silenced: list[int] = []
         try:
-            while self._callback.collision:
-                member = self._callback.collisionPairIndex
-                touches, settled = self._decide(mode, member)
+            while lane.callback.collision:
+                member = lane.callback.collisionPairIndex
+                touches, settled = self._decide(mode, lane, member)
                 if touches:
                     found.append(self._named(self._meetings[member].pair))
                     if first_only:
                         break
                 for other in settled:
-                    self._geometry_data.deactivateCollisionPair(other)
+                    lane.geometry.deactivateCollisionPair(other)
                 silenced += settled
-                pin.computeCollisions(self._manager, self._callback)
+                pin.computeCollisions(lane.manager, lane.callback)
         finally:
             for member in silenced:
-                self._geometry_data.activateCollisionPair(member)
+                lane.geometry.activateCollisionPair(member)
         return tuple(found)
 
     # Modes ------------------------------------------------------------------------------------------------------------
@@ -295,31 +306,47 @@ class CollisionEngine:
                 margins[pair] = asked.arms
         return margins
 
-    def _enter(self, mode: _Mode) -> None:
-        """Change placements, active pairs and margins in place, where ``mode`` differs from the current one."""
+    def _enter(self, mode: _Mode) -> _Lane:
+        """The lane of ``mode``, with placements, active pairs and margins changed in place where they differ."""
+        if mode.clearance not in self._lanes:
+            self._lanes[mode.clearance] = _Lane(self._model, self._geometry, self._exact)
+        lane = self._lanes[mode.clearance]
+        if self._current is not mode:
+            self._place(mode)
+        if lane.mode is not mode:
+            self._set_pairs(lane, mode)
+        return lane
+
+    def _place(self, mode: _Mode) -> None:
+        """Put all bodies where ``mode`` has them."""
         old, self._current = self._current, mode
-        if old is None:
-            changed = flipped = remargined = slice(None)
-        else:
+        changed = np.ones(len(self._names), dtype=bool)
+        if old is not None:
             changed = (mode.joints != old.joints) | (mode.poses != old.poses).any(axis=(1, 2))
-            flipped, remargined = mode.moving != old.moving, mode.margins != old.margins
-        for body in np.arange(len(self._names))[changed]:
+        for body in np.flatnonzero(changed):
             for model, number, placement in self._placed[body]:
                 model.geometryObjects[number].parentJoint = int(mode.joints[body])
                 model.geometryObjects[number].placement = pin.SE3(mode.poses[body] @ placement)
-        turn_on, turn_off = self._geometry_data.activateCollisionPair, self._geometry_data.deactivateCollisionPair
-        for pair in np.arange(len(self._pairs))[flipped]:
+
+    def _set_pairs(self, lane: _Lane, mode: _Mode) -> None:
+        """Make ``lane`` check the pairs that move in ``mode``, with its margins."""
+        old, lane.mode = lane.mode, mode
+        flipped = remargined = np.ones(len(self._pairs), dtype=bool)
+        if old is not None:
+            flipped, remargined = mode.moving != old.moving, mode.margins != old.margins
+        turn_on, turn_off = lane.geometry.activateCollisionPair, lane.geometry.deactivateCollisionPair
+        for pair in np.flatnonzero(flipped):
             change = turn_on if mode.moving[pair] else turn_off
             for piece_pair in self._members[pair]:
                 change(piece_pair)
-        for pair in np.arange(len(self._pairs))[remargined]:
+        for pair in np.flatnonzero(remargined):
             margin = max(float(mode.margins[pair]), _LEAST_MARGIN)
             for member in self._members[pair]:
-                self._geometry_data.collisionRequests[member].security_margin = margin
+                lane.geometry.collisionRequests[member].security_margin = margin
                 for exact in self._meetings[member].exact:
-                    self._exact_data.collisionRequests[exact].security_margin = margin
-                    self._exact_data.collisionRequests[exact].break_distance = BREAK_DISTANCE
-        self._manager.update(True)
+                    lane.exact.collisionRequests[exact].security_margin = margin
+                    lane.exact.collisionRequests[exact].break_distance = BREAK_DISTANCE
+        lane.manager.update(True)
 
     # Exact checks -----------------------------------------------------------------------------------------------------
 
@@ -327,7 +354,7 @@ class CollisionEngine:
         a, b = self._pairs[pair]
         return self._names[a], self._names[b]
 
-    def _decide(self, mode: _Mode, member: int) -> tuple[bool, list[int]]:
+    def _decide(self, mode: _Mode, lane: _Lane, member: int) -> tuple[bool, list[int]]:
         """Whether bodies of which two pieces touch do so themselves, and the pairs of pieces that this settles."""
         meeting = self._meetings[member]
         whole = self._members[meeting.pair]
@@ -336,10 +363,10 @@ class CollisionEngine:
             return self._touch(mode, meeting.pair, *frames), whole
         if not meeting.exact:
             return True, whole
-        pin.updateGeometryPlacements(self._model, self._data, self._exact, self._exact_data)
-        if any(pin.computeCollision(self._exact, self._exact_data, i) for i in meeting.exact):
+        pin.updateGeometryPlacements(self._model, self._data, self._exact, lane.exact)
+        if any(pin.computeCollision(self._exact, lane.exact, i) for i in meeting.exact):
             return True, whole
-        poses = self._geometry_data.oMg
+        poses = lane.geometry.oMg
         if any(nest.holds(poses[outer].actInv(poses[inner]).homogeneous) for nest, outer, inner in meeting.nests):
             return True, whole
         return False, [member]
