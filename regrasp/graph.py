@@ -22,7 +22,7 @@ from .reach import Node, Reach, Reacher, Rows
 
 MOST_REGRASPS = 3
 _AT_ONCE, _ENOUGH = 10, 20  # givers looked at together at a handover, and takers that suffice on the last link
-_MOST_LINKS = 20_000  # links between nodes that one search may look at
+_MOST_LINKS = 20_000  # links between nodes that are looked at for each number of regrasps
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +98,17 @@ class RegraspGraph:
 
     def routes(self, goals: Sequence[Goal], most_regrasps: int = MOST_REGRASPS) -> Iterator[Route]:
         """Ways to any of ``goals``, those with the fewest regrasps first; exact over the sampled nodes."""
-        self._looked = 0
         for regrasps in range(most_regrasps + 1):
-            yield from self._routes(goals, regrasps)
+            yield from self.routes_with(goals, regrasps)
+
+    def routes_with(self, goals: Sequence[Goal], regrasps: int) -> Iterator[Route]:
+        """Ways to any of ``goals`` with exactly so many regrasps."""
+        self._looked = 0
+        wanted = {arm: np.ones(len(self.reacher.holders[arm].grasps), dtype=bool) for arm in self.arms}
+        if regrasps == 0:
+            wanted = {arm: self._allowed(arm, goals) for arm in self.arms}
+        leaving = {arm: self.leaving_start(arm, mask) for arm, mask in wanted.items()}
+        yield from self._extended(Route((self.start,), (), ()), leaving, goals, regrasps)
 
     def strike(self, source: Node, target: Node, arm: str, grasp: int) -> None:
         """Remember that ``arm`` cannot carry the part from ``source`` to ``target`` with ``grasp``."""
@@ -143,14 +151,6 @@ class RegraspGraph:
         return graph
 
     # Search -----------------------------------------------------------------------------------------------------------
-
-    def _routes(self, goals: Sequence[Goal], regrasps: int) -> Iterator[Route]:
-        """Ways with exactly so many regrasps, depth first."""
-        wanted = {arm: np.ones(len(self.reacher.holders[arm].grasps), dtype=bool) for arm in self.arms}
-        if regrasps == 0:
-            wanted = {arm: self._allowed(arm, goals) for arm in self.arms}
-        leaving = {arm: self.leaving_start(arm, mask) for arm, mask in wanted.items()}
-        yield from self._extended(Route((self.start,), (), ()), leaving, goals, regrasps)
 
     def _extended(
         self, route: Route, leaving: Mapping[str, Mask], goals: Sequence[Goal], regrasps: int

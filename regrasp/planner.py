@@ -13,7 +13,7 @@ from ..grasping.part import Part
 from ..robots.scene import Scene
 from ..robots.state import SceneState
 from ..transforms import Array
-from .graph import Goal, Held, RegraspGraph, Route
+from .graph import MOST_REGRASPS, Goal, Held, RegraspGraph, Route
 from .handovers import HandoverPairs
 from .nodes import between
 from .reach import APPROACH, LIFT, Holder, Node, Reach, Reacher
@@ -107,9 +107,9 @@ def bring(graph: RegraspGraph, goals: Sequence[Goal], motions: Motions) -> tuple
     """
     failures: list[str] = []
     tried = 0
-    routes = graph.routes(goals)
-    for _, equal in itertools.groupby(routes, key=lambda route: route.regrasps):
-        while some := list(itertools.islice(equal, _ROUTES_AT_ONCE)):
+    for regrasps in range(MOST_REGRASPS + 1):
+        routes = graph.routes_with(goals, regrasps)
+        while some := list(itertools.islice(routes, _ROUTES_AT_ONCE)):
             chosen = [(route, *choose(graph, route)) for route in some]
             for route, links, travel in sorted(chosen, key=lambda entry: entry[2]):
                 if np.isfinite(travel) and (done := _follow_some(graph, route, links, motions, failures)):

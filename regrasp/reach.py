@@ -91,6 +91,11 @@ class Node:
     support: str | None
     to_leave: bool = True
 
+    @property
+    def key(self) -> tuple[bytes, str | None, bool]:
+        """Equal for nodes at which the same is asked of hands and arms, whatever their names."""
+        return self.world_from_part.tobytes(), self.support, self.to_leave
+
 
 @dataclass(frozen=True, eq=False)
 class Reach:
@@ -129,6 +134,7 @@ class Reach:
 class _Tested:
     """What is known of one arm at one node."""
 
+    name: str
     tested: Mask
     reach: Reach
     dropped: Counter[str] = field(default_factory=Counter)
@@ -150,16 +156,16 @@ class Reacher:
     def __init__(self, scene: Scene, state: SceneState, part: str, holders: Mapping[str, Holder]) -> None:
         self.scene, self.part, self.holders = scene, part, holders
         self.state = at_rest(scene, state, part)
-        self._tested: dict[tuple[str, str], _Tested] = {}
-        self._blocked: dict[str, str] = {}
+        self._tested: dict[tuple[object, str], _Tested] = {}
+        self._blocked: dict[object, str] = {}
 
     def reach(self, node: Node, arm: str, wanted: Mask) -> Reach:
         """The ways of ``arm`` to have the part at ``node`` with the ``wanted`` grasps (n,)."""
         holder = self.holders[arm]
-        entry = self._tested.get((node.name, arm))
+        entry = self._tested.get((node.key, arm))
         if entry is None:
-            entry = _Tested(np.zeros(len(holder.grasps), dtype=bool), self._nothing(arm))
-            self._tested[node.name, arm] = entry
+            entry = _Tested(node.name, np.zeros(len(holder.grasps), dtype=bool), self._nothing(arm))
+            self._tested[node.key, arm] = entry
         (new,) = np.nonzero(wanted & ~entry.tested)
         if len(new):
             entry.tested[new] = True
@@ -168,11 +174,14 @@ class Reacher:
 
     def dropped(self) -> dict[tuple[str, str], Counter[str]]:
         """For each node and arm that was asked for, how many grasps fell to each cause."""
-        return {key: entry.dropped for key, entry in self._tested.items()}
+        return {(entry.name, arm): entry.dropped for (_, arm), entry in self._tested.items()}
 
     def tested(self) -> dict[tuple[str, str], tuple[int, int]]:
         """For each node and arm that was asked for, how many grasps were tested, and how many work."""
-        return {key: (int(e.tested.sum()), len(np.unique(e.reach.grasp))) for key, e in self._tested.items()}
+        return {
+            (entry.name, arm): (int(entry.tested.sum()), len(np.unique(entry.reach.grasp)))
+            for (_, arm), entry in self._tested.items()
+        }
 
     def state_at(self, node: Node) -> SceneState:
         """The state with the part at ``node``, held by nobody."""
@@ -224,10 +233,10 @@ class Reacher:
 
     def _part_blocked(self, node: Node, state: SceneState) -> str:
         """What the part touches at ``node``, in words; empty if nothing."""
-        if node.name not in self._blocked:
+        if node.key not in self._blocked:
             touching = self.scene.checker(state).static
-            self._blocked[node.name] = "part against " + " / ".join(touching[0]) if touching else ""
-        return self._blocked[node.name]
+            self._blocked[node.key] = "part against " + " / ".join(touching[0]) if touching else ""
+        return self._blocked[node.key]
 
     def _hands_clear(self, node: Node, holder: Holder, grasp: Rows, state: SceneState, dropped: Counter[str]) -> Rows:
         """The grasps whose hand touches nothing that stands around: closed, open, and open where it comes from."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,10 +22,13 @@ from .fit import Fit, Insertion
 from .job import Job
 from .task import Attach
 
+_log = logging.getLogger(__name__)
+
 _MOST_POSES = 96  # assembly poses that are looked at
 _ENOUGH = 3  # of them with hands that go together, of which the nearest come first
 _SPREAD = 60  # grasps a side that are tried at an assembly pose
 _TOGETHER = 16  # pairs of grasps whose whole robot is checked at an assembly pose
+_LOOKS = 5  # configurations of the straight way that are checked before it is planned
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +101,7 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
                 _join(job, graphs, goal.part, to, meeting, first=to if direct_part else goal.part)
             except (NoRegraspError, StepError) as error:
                 failures.append(str(error))
+                _log.info("%s and %s do not meet: %s", goal.part, to, error)
             else:
                 return
     raise NoMeetingError(goal.part, goal.to, failures)
@@ -158,17 +163,19 @@ def _meetings(
         return
     numbers = [np.cumsum(mask) - 1 for mask in (some_hold, some_move)]
     for world_from_to in poses:
-        name = f"meeting {world_from_to.tobytes().hex()}"
-        here = Node(name, world_from_to, None, to_leave=False)
+        here = Node(f"{to} at a meeting", world_from_to, None, to_leave=False)
         held = graphs[to].ways(here, fit.to_arm, some_hold)
         if not len(held.grasp):
             continue
-        before = Node(name, world_from_to @ fit.insertion.before(), None, to_leave=False)
+        before = Node(f"{part} at a meeting", world_from_to @ fit.insertion.before(), None, to_leave=False)
         moved = graphs[part].ways(before, fit.arm, some_move)
         arm, flanges = fit.mover.arm, before.world_from_part @ fit.mover.part_from_flange[moved.grasp]
         way = np.tile(world_from_to[:3, :3] @ fit.insertion.way, (len(moved.grasp), 1))
         ends, followed = followed_line(arm, moved.at, flanges, way)
-        moved = replace(moved, above=ends).take(followed)
+        leaving = -APPROACH * (before.world_from_part @ fit.mover.grasps.part_from_hand[moved.grasp])[:, :3, 2]
+        flanges[:, :3, 3] += way
+        _, left = followed_line(arm, ends, flanges, leaving)
+        moved = replace(moved, above=ends).take(followed & left)
         rows = np.argwhere(clear[np.ix_(numbers[0][held.grasp], numbers[1][moved.grasp])])
         if not len(rows):
             continue
@@ -201,7 +208,7 @@ def _some(holder: Holder, mask: Mask) -> Mask:
 def _together(
     job: Job, part: str, to: str, fit: Fit, hold: int, move: int, joints: tuple[Array, tuple[Array, Array]]
 ) -> bool:
-    """Whether robot and both held parts are free of collision before the straight way and at its end."""
+    """Whether robot and both held parts are free of collision here and there along the straight way."""
     scene, state = job.cell.scene, job.motions.state
     attached, poses = dict(state.attached), dict(state.poses)
     q, openings = np.array(state.q), dict(state.openings)
@@ -215,7 +222,7 @@ def _together(
     contacts.append(_mated(fit.insertion, part, to))
     q[fit.holder.arm.indices] = joints[0]
     checker = scene.checker(SceneState(q, openings, poses, attached, tuple(contacts)), {fit.arm, fit.to_arm})
-    for at in joints[1]:
+    for at in np.linspace(*joints[1], _LOOKS):
         q[fit.mover.arm.indices] = at
         if not checker.free(q):
             return False
