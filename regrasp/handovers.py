@@ -20,6 +20,7 @@ _VOXEL = 0.05  # m
 _OFTEN = 0.25  # of the most frequent voxel's share
 _APART = 0.1  # m between places of handovers
 _PLACES = 8
+_OPENED = (0.25, 0.5, 0.75)  # shares of the way from the grasp to the approach opening that are looked at
 _BACK = (0.0, 0.01, 0.025, APPROACH)  # m from the grasp at which a coming or leaving hand is looked at
 
 
@@ -64,9 +65,7 @@ class HandoverPairs:
     def __init__(self, giver: Holder, taker: Holder) -> None:
         self._known = np.full((len(giver.grasps), len(taker.grasps)), -1, dtype=np.int8)
         self._closed = [_hands(holder, holder.grasps.opening, 0.0) for holder in (giver, taker)]
-        self._open = [
-            [_hands(holder, holder.grasps.approach_opening, back) for back in _BACK] for holder in (giver, taker)
-        ]
+        self._open = [[_hands(holder, opening, back) for opening, back in _passes(holder)] for holder in (giver, taker)]
 
     def clear(self, given: npt.NDArray[np.intp], taken: npt.NDArray[np.intp]) -> Mask:
         """Which of the grasps ``given`` (g,) and ``taken`` (t,) go together (g, t)."""
@@ -87,6 +86,12 @@ class HandoverPairs:
             (left,) = np.nonzero(clear)
             clear[left] = ~giver.hit(taker, pairs[left])
         return clear
+
+
+def _passes(holder: Holder) -> list[tuple[Array, float]]:
+    """Openings (n,) and distances back [m] of the hands that come or leave: closing where they grasp, and open."""
+    closed, wide = holder.grasps.opening, holder.grasps.approach_opening
+    return [(closed + share * (wide - closed), 0.0) for share in _OPENED] + [(wide, back) for back in _BACK]
 
 
 def _hands(holder: Holder, openings: Array, back: float) -> HandPoses:

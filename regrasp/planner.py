@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,17 +14,20 @@ from ..grasping.part import Part
 from ..robots.scene import Scene
 from ..robots.state import SceneState
 from ..transforms import Array
+from .clearance import Mask
 from .graph import MOST_REGRASPS, Goal, Held, RegraspGraph, Route
-from .handovers import HandoverPairs
 from .nodes import between
 from .reach import APPROACH, LIFT, Holder, Node, Reach, Reacher
 from .report import report_on
 from .steps import Motions, Step, StepError
 from .supports import Support
 
+_log = logging.getLogger(__name__)
+
 _ROUTES_AT_ONCE = 4  # routes with as many regrasps that are compared by their joint travel
 _MOST_ROUTES = 24
 _TRIES = 4  # concrete grasps tried along a route
+_MOST_MEETINGS = 30  # pairs of grasps at a handover that are checked with both arms
 _PAIRED = 40  # ways a side of a handover that are paired, those with the least travel
 
 
@@ -123,27 +127,69 @@ def bring(graph: RegraspGraph, goals: Sequence[Goal], motions: Motions) -> tuple
 def choose(graph: RegraspGraph, route: Route) -> tuple[tuple[Link, ...], float]:
     """The concrete grasps along ``route`` with the least joint travel, and a lower bound on its time [s].
 
-    Nothing and infinity where grasps that were struck out leave no way.
+    Nothing and infinity where grasps that were struck out, or arms in each other's way, leave no way.
     """
-    chains, total = [_joined(graph, route, k) for k in range(len(route.arms))], 0.0
-    # Behind a placement any grasp will do; behind a handover only those that go with the giver's.
-    best = [cost.copy() for _, cost in chains]
-    for k in range(len(chains) - 2, -1, -1):
-        if route.nodes[k + 1].support is None:
-            clear = _pairs(graph, route, k).clear(_grasps(chains[k][0]), _grasps(chains[k + 1][0]))
-            best[k] += np.where(clear, best[k + 1], np.inf).min(axis=1, initial=np.inf)
-    links: list[Link] = []
-    for k, (ways, _) in enumerate(chains):
-        cost = best[k]
-        if k and route.nodes[k].support is None:
-            clear = _pairs(graph, route, k - 1).clear(np.array([links[-1].grasp]), _grasps(ways))[0]
-            cost = np.where(clear, cost, np.inf)
-        elif len(cost):
-            total += cost.min()
-        if not len(cost) or not np.isfinite(cost.min()):
-            return (), np.inf
-        links.append(ways[int(cost.argmin())])
-    return tuple(links), total
+    ways = [_joined(graph, route, k) for k in range(len(route.arms))]
+    clear = {k: _clear(graph, route, k, ways) for k in range(1, len(ways)) if route.nodes[k].support is None}
+    for _ in range(_MOST_MEETINGS):
+        rows, travel = _cheapest([cost for _, cost in ways], clear)
+        if not np.isfinite(travel):
+            break
+        links = tuple(entry[0][row] for entry, row in zip(ways, rows, strict=True))
+        apart = [k for k in clear if not _arms_clear(graph, route.nodes[k], links[k - 1], links[k])]
+        if not apart:
+            return links, travel
+        for k in apart:
+            clear[k][rows[k - 1], rows[k]] = False
+    return (), np.inf
+
+
+def _cheapest(costs: Sequence[Array], clear: Mapping[int, Mask]) -> tuple[list[int], float]:
+    """The row of each link that together cost least, and what they cost.
+
+    Behind a placement any row will do; behind a handover, the links in ``clear``, only those (i, j) that go together.
+    """
+    best = [cost.copy() for cost in costs]
+    for k in range(len(costs) - 1, 0, -1):
+        if k in clear:
+            best[k - 1] += np.where(clear[k], best[k], np.inf).min(axis=1, initial=np.inf)
+    rows: list[int] = []
+    total = 0.0
+    for k, cost in enumerate(best):
+        open_ = np.where(clear[k][rows[-1]], cost, np.inf) if k in clear else cost
+        if not np.isfinite(open_.min(initial=np.inf)):
+            return [], np.inf
+        rows.append(int(open_.argmin()))
+        total += costs[k][rows[-1]]
+    return rows, total
+
+
+def _clear(graph: RegraspGraph, route: Route, k: int, ways: Sequence[tuple[list[Link], Array]]) -> Mask:
+    """Which ways of the links before and behind a handover (i, j) have hands that go together."""
+    pairs = graph.pairs(route.arms[k - 1], route.arms[k])
+    given, taken = (np.array([link.grasp for link in ways[n][0]], dtype=np.intp) for n in (k - 1, k))
+    return pairs.clear(given, taken)
+
+
+def _arms_clear(graph: RegraspGraph, node: Node, giver: Link, taker: Link) -> bool:
+    """Whether the robot is free while ``taker`` comes to the part at ``node``, and once ``giver`` leaves it."""
+    reacher = graph.reacher
+    state = reacher.state_at(node)
+    for (stays, joints), (moves, places) in (
+        ((giver, giver.target.at), (taker, (taker.source.before, taker.source.at))),
+        ((taker, taker.source.at), (giver, (giver.target.before,))),
+    ):
+        still, moving = reacher.holders[stays.arm], reacher.holders[moves.arm]
+        there = state.with_contacts([*state.contacts, *still.pads(reacher.part, stays.grasp)])
+        there = there.with_opening(stays.arm, still.grasps.opening[stays.grasp])
+        there = there.with_opening(moves.arm, moving.grasps.approach_opening[moves.grasp])
+        checker, q = reacher.scene.checker(there, {giver.arm, taker.arm}), np.array(there.q)
+        q[still.arm.indices] = joints[0]
+        for place in places:
+            q[moving.arm.indices] = place[0]
+            if not checker.free(q):
+                return False
+    return True
 
 
 def _joined(graph: RegraspGraph, route: Route, k: int) -> tuple[list[Link], Array]:
@@ -166,14 +212,6 @@ def _joined(graph: RegraspGraph, route: Route, k: int) -> tuple[list[Link], Arra
     return links, cost[kept[: 4 * _PAIRED]]
 
 
-def _pairs(graph: RegraspGraph, route: Route, k: int) -> HandoverPairs:
-    return graph.pairs(route.arms[k], route.arms[k + 1])
-
-
-def _grasps(links: Sequence[Link]) -> np.ndarray:
-    return np.array([link.grasp for link in links], dtype=np.intp)
-
-
 def _follow_some(
     graph: RegraspGraph, route: Route, links: tuple[Link, ...], motions: Motions, failures: list[str]
 ) -> tuple[Link, ...]:
@@ -189,6 +227,7 @@ def _follow_some(
         except StepError as error:
             motions.back_to(start)
             failures.append(f"{route.nodes[done].name} to {route.nodes[done + 1].name}: {error}")
+            _log.info("%s", failures[-1])
             graph.strike(route.nodes[done], route.nodes[done + 1], links[done].arm, links[done].grasp)
             links, _ = choose(graph, route)
         else:

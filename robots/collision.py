@@ -39,8 +39,8 @@ class _Mode:
 
     ``joints`` (bodies,) and ``poses`` (bodies, 4, 4) tell the joint that carries each body and the body's pose in its
     frame. Over body pairs: ``moving`` where a joint can change the relative pose, ``margins`` the distance to keep [m],
-    ``clearance`` what they hold beyond the scene's own, and for pairs that touch on purpose ``normals``: directions of the pair's second body out of the contacts, each with
-    the body in whose frame it is told.
+    and for pairs that touch on purpose ``normals``: directions of the pair's second body out of the contacts, each with
+    the body in whose frame it is told. ``clearance`` is what the margins hold beyond the scene's own [m].
     """
 
     joints: npt.NDArray[np.intp]
@@ -187,6 +187,8 @@ class CollisionEngine:
             self._members.append(list(range(start, len(self._meetings))))
         self._data = self._model.createData()
         self._lanes: dict[float, _Lane] = {}
+        self._opened: dict[tuple[str, float], Array] = {}
+        self._settled: dict[tuple[object, ...], bool] = {}
 
     def _add_piece(self, body: int, piece: Piece) -> _Part:
         number = self._add(self._geometry, body, piece.geometry, piece.placement)
@@ -223,7 +225,7 @@ class CollisionEngine:
             arm, count = robot.arms[name], len(hand.pieces)
             base = arm.joint_from_flange @ arm.flange_from_base
             joints[at : at + count] = arm.flange_joint
-            poses[at : at + count] = base @ hand.base_from_piece(state.openings[name])[0]
+            poses[at : at + count] = base @ self._base_from_piece(name, state.openings[name])
             at += count
         for name in self._bodies:
             body = self._index[name]
@@ -248,7 +250,7 @@ class CollisionEngine:
         first, second = self._pair_array[held].T
         apart = np.linalg.norm(centres[first] - centres[second], axis=1)
         near = held[apart <= self._balls[first, 3] + self._balls[second, 3] + mode.margins[held]]
-        return tuple(self._named(pair) for pair in near if self._touch(mode, int(pair), np.eye(4), np.eye(4)))
+        return tuple(self._named(pair) for pair in near if self._touch_still(mode, int(pair)))
 
     def touching(self, mode: _Mode, q: Array, first_only: bool) -> tuple[Pair, ...]:
         """Touching pairs at ``q`` among those that joints move; at most one of them if ``first_only``."""
@@ -273,6 +275,21 @@ class CollisionEngine:
             for member in silenced:
                 lane.geometry.activateCollisionPair(member)
         return tuple(found)
+
+    def _base_from_piece(self, arm: str, opening: float) -> Array:
+        """Poses (pieces, 4, 4) of the pieces of a hand, remembered: one opening comes back in most states."""
+        if (arm, opening) not in self._opened:
+            self._opened[arm, opening] = self._robot.hands[arm].base_from_piece(opening)[0]
+        return self._opened[arm, opening]
+
+    def _touch_still(self, mode: _Mode, pair: int) -> bool:
+        """Whether two bodies that no joint can part touch, remembered: most of them stand alike in many states."""
+        a, b = self._pairs[pair]
+        normals = b"".join((mode.poses[body] @ np.append(n, 0.0)).tobytes() for body, n in mode.normals.get(pair, ()))
+        key = (pair, mode.poses[a].tobytes(), mode.poses[b].tobytes(), float(mode.margins[pair]), normals)
+        if key not in self._settled:
+            self._settled[key] = self._touch(mode, pair, np.eye(4), np.eye(4))
+        return self._settled[key]
 
     # Modes ------------------------------------------------------------------------------------------------------------
 

@@ -25,9 +25,11 @@ from .task import Attach
 _log = logging.getLogger(__name__)
 
 _MOST_POSES = 96  # assembly poses that are looked at
-_ENOUGH = 3  # of them with hands that go together, of which the nearest come first
+_ENOUGH, _ENOUGH_REGRASPED = 3, 8  # of them with hands that go together, that are tried
 _SPREAD = 60  # grasps a side that are tried at an assembly pose
-_TOGETHER = 16  # pairs of grasps whose whole robot is checked at an assembly pose
+_TOGETHER = 24  # pairs of grasps whose whole robot is checked at an assembly pose
+_EACH = 2  # of them for each grasp of the part that is joined to
+_PRECISION = 1e-4  # m and rad within which a part was brought where it should be
 _LOOKS = 5  # configurations of the straight way that are checked before it is planned
 
 
@@ -39,13 +41,11 @@ class Meeting:
         world_from_to: Pose (4, 4) of the part that the other is joined to.
         fit: Which arm does what.
         pairs: (k, 2) grasps of that part and of the moved one.
-        travel: Lower bound on the time in which the arms get there from their grasps' starts [s].
     """
 
     world_from_to: Array
     fit: Fit
     pairs: Rows
-    travel: float
 
 
 class NoMeetingError(PlanningError):
@@ -83,7 +83,6 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
     ):
         if ahead and not later:
             continue
-        meetings: list[Meeting] = []
         for fit in fits:
             hold = fit.holding(_wanted(graphs[to], fit.to_arm, direct_to))
             move = fit.moving(_wanted(graphs[goal.part], fit.arm, direct_part))
@@ -95,15 +94,15 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
             )
             job.tell(f"where {goal.part} and {to} meet")
             found = _meetings(job, graphs, goal.part, to, fit, hold, move, poses)
-            meetings += itertools.islice(found, _ENOUGH)
-        for meeting in sorted(meetings, key=lambda entry: entry.travel):
-            try:
-                _join(job, graphs, goal.part, to, meeting, first=to if direct_part else goal.part)
-            except (NoRegraspError, StepError) as error:
-                failures.append(str(error))
-                _log.info("%s and %s do not meet: %s", goal.part, to, error)
-            else:
-                return
+            meetings = list(itertools.islice(found, _ENOUGH if direct_part and direct_to else _ENOUGH_REGRASPED))
+            while meetings:
+                try:
+                    _join(job, graphs, goal.part, to, meetings, first=to if direct_part else goal.part)
+                except (NoRegraspError, StepError) as error:
+                    failures.append(str(error))
+                    _log.info("%s and %s do not meet: %s", goal.part, to, error)
+                else:
+                    return
     raise NoMeetingError(goal.part, goal.to, failures)
 
 
@@ -186,15 +185,20 @@ def _meetings(
         ]
         quality = fit.holder.grasps.quality[held.grasp[rows[:, 0]]] + fit.mover.grasps.quality[moved.grasp[rows[:, 1]]]
         cost = np.maximum(*travel) - quality
-        good, best = [], np.inf
-        for row in np.argsort(cost, kind="stable")[:_TOGETHER]:
+        good: list[tuple[int, int]] = []
+        looked = 0
+        for row in np.argsort(cost, kind="stable"):
             i, j = rows[row]
-            joints = (held.at[i], (moved.at[j], moved.above[j]))
-            if _together(job, part, to, fit, int(held.grasp[i]), int(moved.grasp[j]), joints):
-                good.append((held.grasp[i], moved.grasp[j]))
-                best = min(best, float(cost[row]))
+            pair = (int(held.grasp[i]), int(moved.grasp[j]))
+            if sum(pair[0] == hold for hold, _ in good) < _EACH:
+                joints = (held.at[i], (moved.at[j], moved.above[j]))
+                looked += 1
+                if _together(job, part, to, fit, *pair, joints):
+                    good.append(pair)
+            if looked == _TOGETHER:
+                break
         if good:
-            yield Meeting(world_from_to, fit, np.array(good, dtype=np.intp), best)
+            yield Meeting(world_from_to, fit, np.array(good, dtype=np.intp))
 
 
 def _some(holder: Holder, mask: Mask) -> Mask:
@@ -234,41 +238,74 @@ def _mated(insertion: Insertion, part: str, to: str) -> Contact:
     return Contact(to, part, -insertion.way / np.linalg.norm(insertion.way))
 
 
-def _join(job: Job, graphs: dict[str, RegraspGraph], part: str, to: str, meeting: Meeting, first: str) -> None:
-    """Bring both parts to ``meeting``, the ``first`` one with all the regrasps that it takes, and join them.
+def _join(job: Job, graphs: dict[str, RegraspGraph], part: str, to: str, meetings: list[Meeting], first: str) -> None:
+    """Bring both parts to one of ``meetings``, the ``first`` one with all the regrasps that it takes, and join them.
+
+    A meeting that turns out not to work is taken off the list.
 
     Raises:
         NoRegraspError, StepError: A way was not found; nothing has been added to the job then.
     """
-    fit, mark = meeting.fit, job.mark()
-    nodes = {
-        to: Node(f"{to} at the meeting", meeting.world_from_to, None, to_leave=False),
-        part: Node(f"{part} at the meeting", meeting.world_from_to @ fit.insertion.before(), None, to_leave=False),
-    }
-    sides = {to: (fit.holder, 0), part: (fit.mover, 1)}
-    pairs = meeting.pairs
+    mark, second = job.mark(), part if first == to else to
+    fit = meetings[0].fit
+    holders = {to: fit.holder, part: fit.mover}
+    side = {to: 0, part: 1}
+    goals = [
+        _goal(first, _part_at(meeting, first, to), holders[first], meeting.pairs[:, side[first]])
+        for meeting in meetings
+    ]
+    graph = job.graph(first, [goal.node for goal in goals], graphs[first].reacher)
+    tried = list(meetings)
     try:
-        for name in (first, part if first == to else to):
-            holder, side = sides[name]
-            allowed = np.zeros(len(holder.grasps), dtype=bool)
-            allowed[pairs[:, side]] = True
-            graph = job.graph(name, [nodes[name]], graphs[name].reacher if name == first else None)
-            link = job.bring(graph, [Goal(nodes[name], {holder.arm.name: allowed})])
-            pairs = pairs[pairs[:, side] == link.grasp]
-        motions, arm, grasp = job.motions, fit.arm, int(pairs[0, 1])
-        motions.state = motions.state.with_contacts([*motions.state.contacts, _mated(fit.insertion, part, to)])
-        motions.line(
-            arm,
-            motions.hand_for(arm, part, job.pose(to) @ fit.insertion.at),
-            "insert",
-            f"{arm} hand pushes {part} onto {to}",
-            part,
-            grasp=fit.mover.row(grasp),
-            tolerance=INSERTION,
-            events=[Event("attach", part, to, at_end=True)],
+        link = job.bring(graph, goals)
+        world_from_first = job.pose(first)
+        meeting = next(
+            m for m, g in zip(meetings, goals, strict=True) if _same(g.node.world_from_part, world_from_first)
         )
-        motions.give(fit.mover, part, grasp)
-        motions.retreat(fit.mover, part, grasp, APPROACH)
+        tried = [meeting]
+        pairs = meeting.pairs[meeting.pairs[:, side[first]] == link.grasp]
+        goal = _goal(second, _part_at(meeting, second, to), holders[second], pairs[:, side[second]])
+        grasp = job.bring(job.graph(second, [goal.node]), [goal]).grasp
+        _insert(job, part, to, fit, link.grasp if first == part else grasp)
     except (NoRegraspError, StepError):
         job.back_to(mark)
+        for meeting in tried:
+            meetings.remove(meeting)
         raise
+
+
+def _part_at(meeting: Meeting, name: str, to: str) -> Array:
+    """Where a part is at ``meeting`` before the straight way (4, 4)."""
+    return meeting.world_from_to if name == to else meeting.world_from_to @ meeting.fit.insertion.before()
+
+
+def _goal(name: str, world_from_part: Array, holder: Holder, grasps: Rows) -> Goal:
+    allowed = np.zeros(len(holder.grasps), dtype=bool)
+    allowed[grasps] = True
+    return Goal(Node(f"{name} at the meeting", world_from_part, None, to_leave=False), {holder.arm.name: allowed})
+
+
+def _same(a: Array, b: Array) -> bool:
+    return bool(np.abs(a - b).max() < _PRECISION)
+
+
+def _insert(job: Job, part: str, to: str, fit: Fit, grasp: int) -> None:
+    """Push ``part`` onto ``to``, let it go and draw the hand back.
+
+    Raises:
+        StepError: A motion was not found.
+    """
+    motions, arm = job.motions, fit.arm
+    motions.state = motions.state.with_contacts([*motions.state.contacts, _mated(fit.insertion, part, to)])
+    motions.line(
+        arm,
+        motions.hand_for(arm, part, job.pose(to) @ fit.insertion.at),
+        "insert",
+        f"{arm} hand pushes {part} onto {to}",
+        part,
+        grasp=fit.mover.row(grasp),
+        tolerance=INSERTION,
+        events=[Event("attach", part, to, at_end=True)],
+    )
+    motions.give(fit.mover, part, grasp)
+    motions.retreat(fit.mover, part, grasp, APPROACH)
