@@ -162,10 +162,6 @@ def _meetings(
         return
     numbers = [np.cumsum(mask) - 1 for mask in (some_hold, some_move)]
     for world_from_to in poses:
-        here = Node(f"{to} at a meeting", world_from_to, None, to_leave=False)
-        held = graphs[to].ways(here, fit.to_arm, some_hold)
-        if not len(held.grasp):
-            continue
         before = Node(f"{part} at a meeting", world_from_to @ fit.insertion.before(), None, to_leave=False)
         moved = graphs[part].ways(before, fit.arm, some_move)
         arm, flanges = fit.mover.arm, before.world_from_part @ fit.mover.part_from_flange[moved.grasp]
@@ -175,6 +171,12 @@ def _meetings(
         flanges[:, :3, 3] += way
         _, left = followed_line(arm, ends, flanges, leaving)
         moved = replace(moved, above=ends).take(followed & left)
+        if not len(moved.grasp):
+            continue
+        here = Node(f"{to} at a meeting", world_from_to, None, to_leave=False)
+        held = graphs[to].ways(here, fit.to_arm, some_hold)
+        if not len(held.grasp):
+            continue
         rows = np.argwhere(clear[np.ix_(numbers[0][held.grasp], numbers[1][moved.grasp])])
         if not len(rows):
             continue

@@ -33,10 +33,13 @@ const viewer = new MeshCat.Viewer(document.getElementById("view"));
 viewer.gui.domElement.style.display = "none";
 const show = (path, value) => viewer.handle_command(
   {{type: "set_property", path: "/meshcat/" + path, property: "visible", value: value}});
-(async () => {{
-  const packed = Uint8Array.from(atob("{commands}"), c => c.charCodeAt(0));
+const unpack = async text => {{
+  const packed = Uint8Array.from(atob(text), c => c.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}};
+(async () => {{
+  const bytes = await unpack("{commands}");
   const sizes = new DataView(bytes.buffer);
   for (let at = 0; at < bytes.length;) {{
     const size = sizes.getUint32(at, true);
@@ -47,37 +50,58 @@ const show = (path, value) => viewer.handle_command(
     box.onchange = () => show(box.dataset.path, box.checked);
     box.onchange();
   }}
+  {{
+    {script}
+  }}
   window.pageReady = true;
 }})();
 </script></body></html>
 """
 
 
-def write_page(path: str | Path, title: str, panel: str, commands: Sequence[Command]) -> None:
+def write_page(path: str | Path, title: str, panel: str, commands: Sequence[Command], script: str = "") -> None:
     """Write the page.
 
     Args:
         path: The HTML file.
         title: Title of the page, as HTML text.
         panel: HTML beside the scene; an ``<input type="checkbox" data-path="hands">`` shows and hides that path.
-        commands: meshcat commands, in order.
+        commands: Commands of meshcat, in order.
+        script: JavaScript that runs once the scene stands: ``viewer`` is meshcat's, ``unpack`` reads `packed` text.
     """
-    packed = [umsgpack.packb(command) for command in commands]
-    stream = b"".join(len(data).to_bytes(4, "little") + data for data in packed)
-    encoded = base64.b64encode(gzip.compress(stream, mtime=0)).decode()
     viewer = files(meshcat).joinpath("viewer/dist/main.min.js").read_text(encoding="utf-8")
     viewer = viewer.replace("</script", "<\\/script")
-    page = _PAGE.format(title=title, panel=panel, viewer=viewer, commands=encoded)
+    page = _PAGE.format(title=title, panel=panel, viewer=viewer, commands=packed_commands(commands), script=script)
     Path(path).write_text(page, encoding="utf-8")
 
 
+def packed(data: bytes) -> str:
+    """``data`` as text that a page can hold."""
+    return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode()
+
+
+def packed_commands(commands: Sequence[Command]) -> str:
+    """Commands of meshcat, in order, as text that a page can hold."""
+    encoded = [umsgpack.packb(command) for command in commands]
+    return packed(b"".join(len(data).to_bytes(4, "little") + data for data in encoded))
+
+
+def backdrop() -> list[Command]:
+    """Commands for a plain, light background without grid and axes."""
+    settings = [
+        ("/Grid", "visible", False),
+        ("/Axes", "visible", False),
+        ("/Background", "top_color", [1.0, 1.0, 1.0]),
+        ("/Background", "bottom_color", [0.85, 0.87, 0.9]),
+    ]
+    return [{"type": "set_property", "path": path, "property": name, "value": value} for path, name, value in settings]
+
+
 def mesh_geometry(vertices: Array, faces: npt.NDArray[np.int64]) -> Command:
-    """Triangles with flat shading: each has its own corners and their normals."""
-    corners = np.asarray(vertices)[np.asarray(faces)]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
-    lowered = point_geometry(corners.reshape(-1, 3))
-    lowered["data"]["attributes"]["normal"] = shapes.pack_numpy_array(np.repeat(normals, 3, axis=0).T)
+    """The triangles of ``faces`` (n, 3), which may be some of a mesh; they have no normals and are shaded flat."""
+    used, corners = np.unique(faces, return_inverse=True)
+    lowered = point_geometry(np.asarray(vertices)[used])
+    lowered["data"]["index"] = shapes.pack_numpy_array(corners.reshape(-1, 3).astype(np.uint32).T)
     return lowered
 
 
@@ -90,7 +114,8 @@ def point_geometry(points: Array) -> Command:
 def material(color: int, *, opacity: float = 1.0, kind: str = "MeshPhongMaterial", **more: Any) -> Command:
     """A material of three.js."""
     see_through = {"transparent": opacity < 1.0, "opacity": opacity, "depthWrite": opacity >= 1.0}
-    return {"uuid": str(uuid.uuid4()), "type": kind, "color": color, "side": 2, **see_through, **more}
+    look = {"type": kind, "color": color, "side": 2, "flatShading": True}
+    return {"uuid": str(uuid.uuid4()), **look, **see_through, **more}
 
 
 def group(path: str, items: Sequence[tuple[str, Command, Command, Array]]) -> Command:

@@ -1,8 +1,12 @@
-"""The task file: what is there, what shall be done; typed, with quantities in any unit, and every mistake told."""
+"""The task: what is there, what shall be done; typed, with quantities in any unit.
+
+``tasks.task_file`` reads it from YAML. In code every quantity is a plain number in SI:
+``Task(robot="nextage", hands={"left": "robotiq_2f85"}, parts={...}, goals=(Goal(place=Place(...)),))``.
+"""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, cast
 
 import msgspec
 
@@ -25,23 +29,34 @@ class Density(float):
 
 Point = tuple[Length, Length, Length]
 Rpy = tuple[Angle, Angle, Angle]
-_ZERO = Length(0.0)
-_STRAIGHT = Angle(0.0)
+Unit = Literal["mm", "cm", "m", "in"]
+# Plain numbers, because msgspec writes no subclasses of float into a schema.
+_ZERO = cast(Length, 0.0)
+_STRAIGHT = cast(Angle, 0.0)
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A record of the task file."""
 
 
-class At(Record):
-    """A pose: position and fixed-axis roll, pitch, yaw."""
+class At(Record, frozen=True):
+    """A pose: position [m] and fixed-axis roll, pitch, yaw [rad]."""
 
     xyz: Point = (_ZERO, _ZERO, _ZERO)
     rpy: Rpy = (_STRAIGHT, _STRAIGHT, _STRAIGHT)
 
 
-class OwnRobot(Record):
-    """A robot of the user's own, paths relative to the task file."""
+class OwnRobot(Record, frozen=True):
+    """A robot of the user's own; paths are relative to the task file.
+
+    Attributes:
+        urdf: The URDF file.
+        srdf: The SRDF file of its MoveIt configuration: arms, home, collisions that need no check.
+        limits: The joint_limits.yaml of its MoveIt configuration, with the accelerations.
+        packages: Folders in which ``package://`` addresses are looked up.
+        base: Pose of its root in the world.
+        home: State of the SRDF that is its home.
+    """
 
     urdf: str
     srdf: str
@@ -51,26 +66,40 @@ class OwnRobot(Record):
     home: str = "home"
 
 
-class Mounted(Record):
-    """A hand (a shipped one by name, or a YAML file relative to the task file) and where its base sits on the flange."""
+class Mounted(Record, frozen=True):
+    """A hand and where it sits.
+
+    Attributes:
+        hand: Name of a shipped hand, or a YAML file relative to the task file.
+        mount: Pose of its base in the frame of the flange.
+    """
 
     hand: str
     mount: At = At()
 
 
-class Obstacle(Record):
-    """Something that stands in the cell: a box about its own origin, or a mesh with its unit."""
+class Obstacle(Record, frozen=True):
+    """Something that stands in the cell: a box, or a mesh with its unit.
+
+    Attributes:
+        name: Its name.
+        at: Its pose in the world.
+        box: Sides of a box about its own origin [m].
+        mesh: A mesh file relative to the task file.
+        unit: What one unit of the mesh is.
+        support: Whether parts may be put down on its top.
+    """
 
     name: str
     at: At
     box: Point | None = None
     mesh: str | None = None
-    unit: Literal["mm", "cm", "m", "in"] | None = None
+    unit: Unit | None = None
     support: bool = False
 
 
-class Grasping(Record):
-    """Grasp parameters of a part, under the paper's names; the paper's defaults unless given."""
+class Grasping(Record, frozen=True):
+    """Grasp parameters of a part, under the paper's names, which `GraspParameters` explains; its defaults if none."""
 
     theta_pln: Angle | None = None
     theta_fct: Angle | None = None
@@ -82,28 +111,50 @@ class Grasping(Record):
     n_da: int | None = None
 
 
-class PartEntry(Record):
-    """A part: mesh (relative to the task file) with unit, mass or density, and the pose at the start."""
+class PartEntry(Record, frozen=True):
+    """A part; its frame is that of its mesh.
+
+    Attributes:
+        mesh: A mesh file relative to the task file.
+        unit: What one unit of the mesh is.
+        at: Its pose in the world at the start, where it must rest stably.
+        mass: Its mass [kg]; either this or the density.
+        density: Its density [kg/m3].
+        grasps: How its grasps are planned.
+    """
 
     mesh: str
-    unit: Literal["mm", "cm", "m", "in"]
+    unit: Unit
     at: At
     mass: Mass | None = None
     density: Density | None = None
     grasps: Grasping = Grasping()
 
 
-class Insert(Record):
-    """The straight way into place: ``direction`` in the frame of the other part, and its length."""
+class Insert(Record, frozen=True):
+    """The straight way into place.
+
+    Attributes:
+        direction: Of the motion, in the frame of the other part; of any length but zero.
+        distance: Length of the way [m].
+    """
 
     direction: tuple[float, float, float]
     distance: Length
 
 
-class Attach(Record):
-    """Join ``part`` to the part ``to``: at a relative pose ``at`` (in the frame of ``to``), the last stretch straight.
+class Attach(Record, frozen=True):
+    """Join a part to another one.
 
-    ``arm`` and ``to_arm`` pin who holds what, ``where`` pins the pose of ``to`` in the world at that moment.
+    Attributes:
+        part: The part.
+        to: The other part.
+        at: Pose of the part in the frame of the other one once they are joined.
+        insert: The last, straight stretch of the way there.
+        arm: The arm that holds the part, if it matters.
+        to_arm: The arm that holds the other part, if it matters.
+        where: Pose of the other part in the world at that moment, if it matters.
+        then: Whether the other part, with all that is joined to it, is still held afterwards or put down.
     """
 
     part: str
@@ -116,23 +167,35 @@ class Attach(Record):
     then: Literal["hold", "place"] = "hold"
 
 
-class Place(Record):
-    """Put ``part`` down at a pose in the world; ``arm`` pins who does."""
+class Place(Record, frozen=True):
+    """Put a part down.
+
+    Attributes:
+        part: The part.
+        at: Its pose in the world.
+        arm: The arm that does it, if it matters.
+    """
 
     part: str
     at: At
     arm: str | None = None
 
 
-class HandOver(Record):
-    """Give ``part`` to an arm, which ends holding it at a pose in the world."""
+class HandOver(Record, frozen=True):
+    """Give a part to an arm.
+
+    Attributes:
+        part: The part.
+        to: The arm, which ends holding it.
+        at: Pose of the part in the world at the end.
+    """
 
     part: str
     to: str
     at: At
 
 
-class Goal(Record):
+class Goal(Record, frozen=True):
     """Exactly one of the goals."""
 
     attach: Attach | None = None
@@ -140,8 +203,19 @@ class Goal(Record):
     hand_over: HandOver | None = None
 
 
-class Task(Record):
-    """A task: robot, hands, cell, parts, goals."""
+class Task(Record, frozen=True):
+    """A whole task.
+
+    Attributes:
+        robot: Name of a shipped robot, or one of the user's own.
+        hands: The hand of each arm that has one: a shipped one by name, a YAML file, or either with its mount.
+        parts: The parts by name.
+        goals: What shall be done, in this order.
+        cell: What else stands around.
+        speed: Share of the joints' velocity limits that motions use, above 0 and at most 1.
+        start: Joints that do not start at home, by name [rad or m].
+        end: Whether the arms go home in the end or stay where they are.
+    """
 
     robot: str | OwnRobot
     hands: dict[str, str | Mounted]
@@ -149,5 +223,5 @@ class Task(Record):
     goals: tuple[Goal, ...]
     cell: tuple[Obstacle, ...] = ()
     speed: float = 0.5
-    start: dict[str, float] = {}
+    start: dict[str, Angle] = {}
     end: Literal["home", "stay"] = "home"

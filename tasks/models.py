@@ -1,0 +1,128 @@
+"""The files of the robot and the hands that a task names, and their digests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import InputError
+
+LIBRARY = Path(__file__).resolve().parent.parent / "robots" / "library"
+_HAND_FILES = (".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class HandFiles:
+    """The YAML and the URDF of a hand, and how the task calls its YAML."""
+
+    name: str
+    yaml: Path
+    urdf: Path
+
+
+@dataclass(frozen=True)
+class ModelFiles:
+    """Where a task's models are.
+
+    Attributes:
+        urdf: URDF of the robot.
+        srdf: SRDF of the robot.
+        limits: Its joint_limits.yaml, if there is one.
+        packages: Folders in which ``package://`` addresses are looked up.
+        hands: The hands, by arm.
+    """
+
+    urdf: Path
+    srdf: Path
+    limits: Path | None
+    packages: tuple[Path, ...]
+    hands: Mapping[str, HandFiles]
+
+
+def model_files(task: Mapping[str, Any], folder: str | Path) -> ModelFiles:
+    """The files of the robot and the hands of ``task``: shipped ones, or the user's own relative to ``folder``.
+
+    Args:
+        task: The task as a plan document has it.
+        folder: Where its relative paths start.
+
+    Raises:
+        InputError: There is no such shipped robot or hand, or the YAML of a hand names no URDF.
+    """
+    folder, robot = Path(folder), task["robot"]
+    hands = {
+        arm: _hand_files(hand["hand"] if isinstance(hand, Mapping) else hand, folder)
+        for arm, hand in task["hands"].items()
+    }
+    if isinstance(robot, Mapping):
+        limits = robot.get("limits")
+        return ModelFiles(
+            urdf=folder / robot["urdf"],
+            srdf=folder / robot["srdf"],
+            limits=folder / limits if limits else None,
+            packages=tuple(folder / package for package in robot.get("packages", ())),
+            hands=hands,
+        )
+    urdf = _shipped(robot, ".urdf", "robot")
+    return ModelFiles(urdf, urdf.with_suffix(".srdf"), urdf.with_name(f"{robot}_limits.yaml"), (), hands)
+
+
+def model_digests(task: Mapping[str, Any], folder: str | Path) -> dict[str, str]:
+    """SHA-256 of the files of the robot and the hands of ``task``, under names such as ``robot/nextage.urdf``.
+
+    A hand of the user's own is named by the path that the task gives, as are robots by the names of their files.
+
+    Args:
+        task: The task as a plan document has it.
+        folder: Where its relative paths start.
+
+    Raises:
+        InputError: A file is missing or cannot be read.
+    """
+    files = model_files(task, folder)
+    named = {f"robot/{path.name}": path for path in (files.urdf, files.srdf, files.limits) if path is not None}
+    for hand in files.hands.values():
+        at = Path(hand.name)
+        named[f"hand/{at.as_posix()}"] = hand.yaml
+        named[f"hand/{at.with_name(hand.urdf.name).as_posix()}"] = hand.urdf
+    return {name: sha256(read_bytes(path)).hexdigest() for name, path in sorted(named.items())}
+
+
+def read_bytes(path: Path) -> bytes:
+    """The contents of a file.
+
+    Raises:
+        InputError: It is missing or cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "put the file where the task says") from error
+
+
+def _hand_files(hand: str, folder: Path) -> HandFiles:
+    if hand.endswith(_HAND_FILES):
+        name, path = hand, folder / hand
+    else:
+        path = _shipped(hand, ".yaml", "hand")
+        name = path.name
+    try:
+        content = yaml.safe_load(read_bytes(path))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(path, "no YAML", "give the YAML file of a hand") from error
+    urdf = content.get("urdf") if isinstance(content, dict) else None
+    if not isinstance(urdf, str) or not urdf:
+        raise InputError(path, "names no URDF", "give the hand's URDF as urdf: NAME.urdf")
+    return HandFiles(name, path, path.parent / urdf)
+
+
+def _shipped(name: str, suffix: str, kind: str) -> Path:
+    path = LIBRARY / f"{name}{suffix}"
+    if Path(name).name != name or not path.is_file():
+        raise InputError("library", f"there is no {kind} named {name!r}", f"give a shipped {kind} or files of your own")
+    return path

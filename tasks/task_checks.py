@@ -1,0 +1,177 @@
+"""What can be wrong in a task whose fields are all of the right type: names, numbers, files that do not fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from pathlib import Path, PureWindowsPath
+from typing import NamedTuple
+
+from ..errors import InputError
+from ..grasping.parameters import GraspParameters
+from .task import Goal, Mounted, Obstacle, OwnRobot, PartEntry, Task
+
+Keys = tuple[str | int, ...]
+
+_HAND_FILES = (".yaml", ".yml")
+_NAMED = {  # fields of the goals that name parts, and that name arms
+    "attach": (("part", "to"), ("arm", "to_arm")),
+    "place": (("part",), ("arm",)),
+    "hand_over": (("part",), ("to",)),
+}
+
+
+class Mistake(NamedTuple):
+    """What is wrong in a task: the keys that lead there, the problem, the cure."""
+
+    keys: Keys
+    problem: str
+    cure: str
+
+
+def mistakes(task: Task, folder: Path | None) -> Iterator[Mistake]:
+    """What is wrong in ``task``; with the folder where its paths start, also files that are not there."""
+    yield from _in_files(task, folder)
+    yield from _in_cell(task)
+    yield from _in_parts(task)
+    yield from _in_goals(task)
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """The cure for a name that does not exist."""
+    near = get_close_matches(name, known, 1)
+    return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}"
+
+
+def grasp_parameters(entry: PartEntry) -> GraspParameters:
+    """The grasp parameters of a part: the paper's, but for those that the task gives.
+
+    Raises:
+        InputError: One is outside its range.
+    """
+    given = {name: getattr(entry.grasps, name) for name in entry.grasps.__struct_fields__}
+    return GraspParameters(**{name: value for name, value in given.items() if value is not None})
+
+
+def is_hand_file(hand: str) -> bool:
+    """Whether ``hand`` names a YAML file of the user's, not a shipped hand."""
+    return hand.endswith(_HAND_FILES)
+
+
+def _in_files(task: Task, folder: Path | None) -> Iterator[Mistake]:
+    for keys, name in _files(task):
+        path = PureWindowsPath(name)  # reads either system's paths: a task is sound on both or on none
+        if not name or path.anchor or ".." in path.parts[1:]:
+            cure = "give a path relative to the task file, at most one folder up, such as ../parts/wheel.stl"
+            yield Mistake(keys, f"{name!r} is no path within the task's folder or the one above", cure)
+        elif folder is not None and not _exists(folder / name):
+            yield Mistake(keys, f"there is no {folder / name}", "check the path; it is relative to the task file")
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name too long, a folder that may not be read
+        return False
+
+
+def _files(task: Task) -> Iterator[tuple[Keys, str]]:
+    """The paths in a task, with the keys that lead there."""
+    if isinstance(task.robot, OwnRobot):
+        yield ("robot", "urdf"), task.robot.urdf
+        yield ("robot", "srdf"), task.robot.srdf
+        if task.robot.limits is not None:
+            yield ("robot", "limits"), task.robot.limits
+        for i, package in enumerate(task.robot.packages):
+            yield ("robot", "packages", i), package
+    for arm, hand in task.hands.items():
+        name = hand.hand if isinstance(hand, Mounted) else hand
+        if is_hand_file(name):
+            yield ("hands", arm, "hand") if isinstance(hand, Mounted) else ("hands", arm), name
+    for i, obstacle in enumerate(task.cell):
+        if obstacle.mesh is not None:
+            yield ("cell", i, "mesh"), obstacle.mesh
+    for name, part in task.parts.items():
+        yield ("parts", name, "mesh"), part.mesh
+
+
+def _in_cell(task: Task) -> Iterator[Mistake]:
+    if not 0.0 < task.speed <= 1.0:
+        yield Mistake(("speed",), f"{task.speed:g} is no share of the joint limits", "give more than 0, at most 1")
+    for joint, value in task.start.items():
+        if not math.isfinite(value):
+            yield Mistake(("start", joint), f"{value} is no position", "give a finite number")
+    taken, cure = {"", *task.hands}, "give each thing a name of its own"
+    for i, obstacle in enumerate(task.cell):
+        if obstacle.name in taken:
+            yield Mistake(("cell", i, "name"), f"the name {obstacle.name!r} is empty or taken", cure)
+        taken.add(obstacle.name)
+        yield from (Mistake(("cell", i, *keys), problem, cure) for keys, problem, cure in _in_obstacle(obstacle))
+    for name in task.parts:
+        if name in taken:
+            yield Mistake(("parts", name), f"the name {name!r} is empty or taken", cure)
+
+
+def _in_obstacle(obstacle: Obstacle) -> Iterator[Mistake]:
+    if (obstacle.box is None) == (obstacle.mesh is None):
+        given = "neither box nor mesh is given" if obstacle.box is None else "box and mesh are both given"
+        yield Mistake((), given, "give one: box [x, y, z] or mesh and unit")
+    if obstacle.box is not None and not all(0.0 < side < math.inf for side in obstacle.box):
+        yield Mistake(("box",), "a side is not above 0", "give three lengths above 0")
+    if (obstacle.mesh is None) != (obstacle.unit is None):
+        given = "a mesh without a unit" if obstacle.unit is None else "a unit without a mesh"
+        yield Mistake((), given, "give both: what one unit of the mesh is, mm, cm, m or in")
+
+
+def _in_parts(task: Task) -> Iterator[Mistake]:
+    for name, part in task.parts.items():
+        if (part.mass is None) == (part.density is None):
+            given = "neither mass nor density is given" if part.mass is None else "mass and density are both given"
+            yield Mistake(("parts", name), given, "give one, such as mass: 50 g or density: 2.7 g/cm3")
+        for field, value in (("mass", part.mass), ("density", part.density)):
+            if value is not None and not 0.0 < value < math.inf:
+                yield Mistake(("parts", name, field), f"{value:g} is no {field}", "give more than 0")
+        try:
+            grasp_parameters(part)
+        except InputError as error:
+            yield Mistake(("parts", name, "grasps", error.place), error.problem, error.cure)
+
+
+def _in_goals(task: Task) -> Iterator[Mistake]:
+    carrier: dict[str, str] = {}
+    for i, goal in enumerate(task.goals):
+        kinds = [kind for kind in goal.__struct_fields__ if getattr(goal, kind) is not None]
+        if len(kinds) != 1:
+            given = f"{' and '.join(kinds)} are one goal" if kinds else "it says nothing"
+            yield Mistake(("goals", i), given, f"give one of {', '.join(goal.__struct_fields__)}")
+            continue
+        at: Keys = ("goals", i, kinds[0])
+        yield from (Mistake((*at, *keys), problem, cure) for keys, problem, cure in _in_goal(task, goal, kinds[0]))
+        if goal.attach is not None:
+            part, to = goal.attach.part, goal.attach.to
+            if part in carrier:
+                yield Mistake((*at, "part"), f"{part} is attached to {carrier[part]} already", "attach it once")
+            above = to
+            while above in carrier and above != part:
+                above = carrier[above]
+            if above == part:
+                yield Mistake((*at, "to"), f"{to} is {part} itself or attached to it", "attach to another part")
+            carrier[part] = to
+
+
+def _in_goal(task: Task, goal: Goal, kind: str) -> Iterator[Mistake]:
+    parts, arms = _NAMED[kind]
+    for what, fields, known in (("part", parts, tuple(task.parts)), ("arm with a hand", arms, tuple(task.hands))):
+        for field in fields:
+            name = getattr(getattr(goal, kind), field)
+            if name is not None and name not in known:
+                yield Mistake((field,), f"there is no {what} named {name!r}", nearest(name, known))
+    if goal.attach is not None:
+        insert = goal.attach.insert
+        if goal.attach.arm is not None and goal.attach.arm == goal.attach.to_arm:
+            yield Mistake(("to_arm",), "it is the arm that holds the other part", "give two arms, or leave one out")
+        if not any(insert.direction) or not all(map(math.isfinite, insert.direction)):
+            yield Mistake(("insert", "direction"), "it is no direction", "give a vector such as [0, -1, 0]")
+        if not 0.0 < insert.distance < math.inf:
+            yield Mistake(("insert", "distance"), f"{insert.distance:g} m is no way", "give more than 0, such as 70 mm")
