@@ -23,6 +23,7 @@ from .reach import Node, Reach, Reacher, Rows
 MOST_REGRASPS = 3
 _AT_ONCE, _ENOUGH = 10, 20  # givers looked at together at a handover, and takers that suffice on the last link
 _MOST_LINKS = 20_000  # links between nodes that are looked at for each number of regrasps
+_MOST_TESTS = 100_000  # tests of a grasp at a node, likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ class RegraspGraph:
         self.reacher, self.start, self.held, self._source = reacher, start, held, nodes
         self._struck: set[tuple[str, str, str, int]] = set()
         self._pairs: dict[tuple[str, str], HandoverPairs] = {}
-        self._looked = 0
+        self._looked = self._most_tests = 0
         self._links: dict[tuple[str, str, str], int] = {}
 
     @cached_property
@@ -103,7 +104,7 @@ class RegraspGraph:
 
     def routes_with(self, goals: Sequence[Goal], regrasps: int) -> Iterator[Route]:
         """Ways to any of ``goals`` with exactly so many regrasps."""
-        self._looked = 0
+        self._looked, self._most_tests = 0, self.reacher.looked + _MOST_TESTS
         wanted = {arm: np.ones(len(self.reacher.holders[arm].grasps), dtype=bool) for arm in self.arms}
         if regrasps == 0:
             wanted = {arm: self._allowed(arm, goals) for arm in self.arms}
@@ -113,6 +114,14 @@ class RegraspGraph:
     def strike(self, source: Node, target: Node, arm: str, grasp: int) -> None:
         """Remember that ``arm`` cannot carry the part from ``source`` to ``target`` with ``grasp``."""
         self._struck.add((source.name, target.name, arm, grasp))
+
+    def reachable(self, goals: Sequence[Goal]) -> list[Goal]:
+        """Those of ``goals`` to which some allowed grasp can bring the part, from wherever it is taken."""
+        return [
+            goal
+            for goal in goals
+            if any(len(self.reacher.reach(goal.node, arm, mask).grasp) for arm, mask in goal.allowed.items())
+        ]
 
     def unstruck(self, source: Node, target: Node, arm: str, mask: Mask) -> Mask:
         """The grasps of ``mask`` (n,) that were not struck out between two nodes."""
@@ -166,9 +175,10 @@ class RegraspGraph:
             return
         last = goals if regrasps == 1 else None
         for node, arm in itertools.product(self.nodes, leaving):
-            if self._looked >= _MOST_LINKS:
+            if self._looked >= _MOST_LINKS or self.reacher.looked >= self._most_tests:
                 return
-            if node in route.nodes or (last and not self._near_goal(node, arm, last)):
+            seen = node in route.nodes and node.support is not None  # in the air, hands may meet again
+            if seen or (last and not self._near_goal(node, arm, last)):
                 continue
             shared = self._shared(here, node, arm, leaving[arm])
             if shared.any():

@@ -18,6 +18,7 @@ MOST_GRASPS = 100  # well-spread grasps a side of a handover that are paired
 _SAMPLES = 4000  # configurations of each arm that tell where it reaches
 _VOXEL = 0.05  # m
 _OFTEN = 0.25  # of the most frequent voxel's share
+_RAISED = np.array([0.0, 0.0, 0.3])  # m
 _APART = 0.1  # m between places of handovers
 _PLACES = 8
 _OPENED = (0.25, 0.5, 0.75)  # shares of the way from the grasp to the approach opening that are looked at
@@ -30,8 +31,8 @@ def sample_handovers(
     """Poses of a part in the air that two arms may both reach, in random order.
 
     Places are the middles of voxels in which random configurations of both arms put their hands often, those nearest to
-    ``near`` (3,), apart from each other; at each place the part is turned as in ``turned`` (3, 3), by each of the 24
-    rotations of a cube.
+    30 cm above ``near`` (3,), so that there is room for hands below, and apart from each other. There the part is
+    turned as in ``turned`` (3, 3), by each of the 24 rotations of a cube.
     """
     counts = []
     for name in arms:
@@ -43,7 +44,7 @@ def sample_handovers(
     well = np.array(sorted(v for v, count in often.items() if count >= _OFTEN * max(often.values())))
     middles = (well.reshape(-1, 3) + 0.5) * _VOXEL
     places: list[Array] = []
-    for place in middles[np.argsort(np.linalg.norm(middles - near, axis=1), kind="stable")]:
+    for place in middles[np.argsort(np.linalg.norm(middles - near - _RAISED, axis=1), kind="stable")]:
         if all(np.linalg.norm(place - other) >= _APART for other in places):
             places.append(place)
         if len(places) == _PLACES:

@@ -101,7 +101,9 @@ def plan_regrasp(
     return Regrasp(tuple(motions.steps), route, links, motions.state)
 
 
-def bring(graph: RegraspGraph, goals: Sequence[Goal], motions: Motions) -> tuple[Route, tuple[Link, ...]]:
+def bring(
+    graph: RegraspGraph, goals: Sequence[Goal], motions: Motions, most_regrasps: int = MOST_REGRASPS
+) -> tuple[Route, tuple[Link, ...]]:
     """Search routes to ``goals`` and follow the first that motions are found for; they are added to ``motions``.
 
     Of routes with equally many regrasps, some are compared by a lower bound on their joint travel.
@@ -111,7 +113,9 @@ def bring(graph: RegraspGraph, goals: Sequence[Goal], motions: Motions) -> tuple
     """
     failures: list[str] = []
     tried = 0
-    for regrasps in range(MOST_REGRASPS + 1):
+    for regrasps in range(most_regrasps + 1):
+        if regrasps and not (goals := graph.reachable(goals)):
+            break
         routes = graph.routes_with(goals, regrasps)
         while some := list(itertools.islice(routes, _ROUTES_AT_ONCE)):
             chosen = [(route, *choose(graph, route)) for route in some]

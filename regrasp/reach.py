@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -146,6 +147,8 @@ class Reacher:
     Tests run from the cheap to the dear, each on what the one before left: the hand at both openings against everything
     that stands around, inverse kinematics, the straight ways of hand and part, the whole robot.
 
+    ``looked`` counts the grasps that were tested, at all nodes.
+
     Args:
         scene: The scene.
         state: Where everything else stands; arms that carry nothing else count as at home.
@@ -156,6 +159,7 @@ class Reacher:
     def __init__(self, scene: Scene, state: SceneState, part: str, holders: Mapping[str, Holder]) -> None:
         self.scene, self.part, self.holders = scene, part, holders
         self.state = at_rest(scene, state, part)
+        self.looked = 0
         self._tested: dict[tuple[object, str], _Tested] = {}
         self._blocked: dict[object, str] = {}
 
@@ -169,6 +173,7 @@ class Reacher:
         (new,) = np.nonzero(wanted & ~entry.tested)
         if len(new):
             entry.tested[new] = True
+            self.looked += len(new)
             entry.reach = entry.reach.joined(self._evaluate(node, holder, new, entry.dropped))
         return entry.reach.take(wanted[entry.reach.grasp])
 
@@ -244,9 +249,10 @@ class Reacher:
         assert hand is not None
         poses = {name: self.scene.world_from_body(state, name) for name in self.scene.bodies if name != self.part}
         sets = holder.grasps
-        for opening, back in ((sets.approach_opening, 0.0), (sets.opening, 0.0), (sets.approach_opening, APPROACH)):
-            if back and not node.to_leave:
-                continue
+        passes = [(sets.opening, 0.0)]
+        if node.to_leave:
+            passes += [(sets.approach_opening, 0.0), (sets.approach_opening, APPROACH)]
+        for opening, back in passes:
             base = node.world_from_part @ holder.part_from_flange[grasp] @ arm.flange_from_base
             base[:, :3, 3] -= back * self._approach(node, holder, grasp)
             for name, pose in poses.items():
@@ -262,23 +268,37 @@ class Reacher:
 
     def _robot_free(self, node: Node, holder: Holder, reach: Reach, state: SceneState, failed: dict[int, str]) -> Reach:
         """The ways in which the robot touches nothing: at the grasp, where the hand comes from, above the support."""
-        name, robot = holder.arm.name, self.scene.robot
-        lifted = self.state.with_pose(self.part, compose(np.eye(3), LIFT * _UP) @ node.world_from_part)
-        places = [(state, "at")]
-        places += [(state, "before")] if node.to_leave else []
-        places += [(lifted, "above")] if node.support is not None else []
-        openings = holder.grasps.approach_opening[reach.grasp]
         free = np.ones(len(reach.grasp), dtype=bool)
-        for where, joints in places:
-            for opening in np.unique(openings[free]):
-                checker = self.scene.checker(where.with_opening(name, opening), {name})
-                rows = np.flatnonzero(free & (openings == opening))
-                for row, q in zip(rows, robot.with_joints(where.q, name, getattr(reach, joints)[rows]), strict=True):
-                    pair = checker.first_touching(q)
-                    if pair is not None:
-                        free[row] = False
-                        failed[int(reach.grasp[row])] = f"robot in collision: {' / '.join(pair)}"
+        for looked, rows, joints in self._looks(node, holder, reach.grasp, state):
+            checker, left = self.scene.checker(looked, {holder.arm.name}), rows[free[rows]]
+            configurations = self.scene.robot.with_joints(looked.q, holder.arm.name, getattr(reach, joints)[left])
+            for row, q in zip(left, configurations, strict=True):
+                pair = checker.first_touching(q)
+                if pair is not None:
+                    free[row] = False
+                    failed[int(reach.grasp[row])] = f"robot in collision: {' / '.join(pair)}"
         return reach.take(free)
+
+    def _looks(
+        self, node: Node, holder: Holder, grasp: Rows, state: SceneState
+    ) -> Iterator[tuple[SceneState, Rows, str]]:
+        """States in which ways with ``grasp`` (m,) are checked: which of them, and which of their joints.
+
+        Where hands come and go the hand is open, and most hands open equally wide; where the part is held at the end
+        the hand is closed, each on its own grasp.
+        """
+        name = holder.arm.name
+        if not node.to_leave:
+            for one in np.unique(grasp):
+                pads = [*state.contacts, *holder.pads(self.part, int(one))]
+                closed = state.with_opening(name, holder.grasps.opening[one]).with_contacts(pads)
+                yield closed, np.flatnonzero(grasp == one), "at"
+            return
+        lifted = self.state.with_pose(self.part, compose(np.eye(3), LIFT * _UP) @ node.world_from_part)
+        places = [(state, "at"), (state, "before"), *([(lifted, "above")] if node.support is not None else [])]
+        openings = holder.grasps.approach_opening[grasp]
+        for (where, joints), opening in itertools.product(places, np.unique(openings)):
+            yield where.with_opening(name, opening), np.flatnonzero(openings == opening), joints
 
 
 def _nearest_first(found: IKSolutions, home: Array) -> tuple[Rows, Rows]:

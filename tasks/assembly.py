@@ -97,7 +97,8 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
             meetings = list(itertools.islice(found, _ENOUGH if direct_part and direct_to else _ENOUGH_REGRASPED))
             while meetings:
                 try:
-                    _join(job, graphs, goal.part, to, meetings, first=to if direct_part else goal.part)
+                    first, most = (to if direct_part else goal.part), int(not (direct_part or direct_to))
+                    _join(job, graphs, goal.part, to, meetings, first, most)
                 except (NoRegraspError, StepError) as error:
                     failures.append(str(error))
                     _log.info("%s and %s do not meet: %s", goal.part, to, error)
@@ -240,9 +241,18 @@ def _mated(insertion: Insertion, part: str, to: str) -> Contact:
     return Contact(to, part, -insertion.way / np.linalg.norm(insertion.way))
 
 
-def _join(job: Job, graphs: dict[str, RegraspGraph], part: str, to: str, meetings: list[Meeting], first: str) -> None:
+def _join(
+    job: Job,
+    graphs: dict[str, RegraspGraph],
+    part: str,
+    to: str,
+    meetings: list[Meeting],
+    first: str,
+    most_regrasps: int,
+) -> None:
     """Bring both parts to one of ``meetings``, the ``first`` one with all the regrasps that it takes, and join them.
 
+    The other one may be regrasped by its one arm at most so often.
     A meeting that turns out not to work is taken off the list.
 
     Raises:
@@ -267,7 +277,7 @@ def _join(job: Job, graphs: dict[str, RegraspGraph], part: str, to: str, meeting
         tried = [meeting]
         pairs = meeting.pairs[meeting.pairs[:, side[first]] == link.grasp]
         goal = _goal(second, _part_at(meeting, second, to), holders[second], pairs[:, side[second]])
-        grasp = job.bring(job.graph(second, [goal.node]), [goal]).grasp
+        grasp = job.bring(job.graph(second, [goal.node]), [goal], most_regrasps).grasp
         _insert(job, part, to, fit, link.grasp if first == part else grasp)
     except (NoRegraspError, StepError):
         job.back_to(mark)

@@ -80,7 +80,7 @@ class Fit:
         return clear.reshape(len(holding), len(moving))
 
     def _passes(self) -> list[tuple[Array, Array, float]]:
-        """The moving hand at the end, leaving, and along the way: pose of the part, openings (n,), distance back [m]."""
+        """The moving hand at the end, leaving, and along the way: pose of the part, openings (n,), way back [m]."""
         looks, grasps = self.insertion.looks(), self.mover.grasps
         leaving = [(looks[0], grasps.approach_opening, float(back)) for back in _LEAVING]
         return [*leaving, *((look, grasps.opening, 0.0) for look in looks)]

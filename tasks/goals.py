@@ -1,4 +1,4 @@
-"""The goals that bring one part somewhere: put down at a pose, handed to an arm, put down after an assembly; and home."""
+"""The goals that bring one part somewhere: to a pose on a support, to an arm, down after an assembly; and home."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _support_below(job: Job, part: str, wanted: Array) -> str:
     scene, state = job.cell.scene, job.motions.state
     whole = {part, *job.whole(part).others}
     for name, body in scene.bodies.items():
-        if name not in whole and not state.carrier(name)[0]:
-            if scene.bodies[part].touches(body, invert(lower) @ scene.world_from_body(state, name)):
-                return name
+        there = invert(lower) @ scene.world_from_body(state, name)
+        if name not in whole and not state.carrier(name)[0] and scene.bodies[part].touches(body, there):
+            return name
     raise InputError(f"goal: place {part}", "nothing is below it there", "give a pose at which it rests on something")

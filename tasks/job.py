@@ -14,7 +14,7 @@ from ..grasping.joined import hold_whole, join_parts
 from ..grasping.part import Part
 from ..grasping.store import cached_grasps
 from ..regrasp.clearance import hands_hit
-from ..regrasp.graph import Goal, Held, RegraspGraph
+from ..regrasp.graph import MOST_REGRASPS, Goal, Held, RegraspGraph
 from ..regrasp.nodes import between
 from ..regrasp.planner import Link, bring
 from ..regrasp.reach import Holder, Node, Reacher, root_of
@@ -25,6 +25,7 @@ from .cell import Cell
 
 Progress = Callable[[str], None]
 _SAME = 1e-9
+_MOST_GRASPS = 1000  # well-spread grasps of a part; more take time and open hardly any new way
 
 
 class TimeLimitError(PlanningError):
@@ -154,7 +155,7 @@ class Job:
         key = (made.digest, hand.name)
         if key not in self._grasps:
             self.tell(f"grasps of {part} by {hand.name}")
-            self._grasps[key] = cached_grasps(made, hand, self.cell.parameters[part])
+            self._grasps[key] = cached_grasps(made, hand, self.cell.parameters[part]).thin(_MOST_GRASPS)
         return self._grasps[key]
 
     # Moving -----------------------------------------------------------------------------------------------------------
@@ -180,7 +181,7 @@ class Job:
         nodes = between(reacher, whole.part, start, goals, self.cell.supports, rng)
         return RegraspGraph(reacher, start, self.held(part), nodes)
 
-    def bring(self, graph: RegraspGraph, goals: Sequence[Goal]) -> Link:
+    def bring(self, graph: RegraspGraph, goals: Sequence[Goal], most_regrasps: int = MOST_REGRASPS) -> Link:
         """Bring the part of ``graph`` to one of ``goals``; the last link of its way.
 
         Raises:
@@ -188,6 +189,6 @@ class Job:
         """
         part = graph.reacher.part
         self.tell(f"a way for {part}")
-        _, links = bring(graph, goals, self.motions)
+        _, links = bring(graph, goals, self.motions, most_regrasps)
         self._used[part] = graph.reacher.holders[links[-1].arm].grasps[[links[-1].grasp]]
         return links[-1]
