@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
@@ -45,9 +46,9 @@ class Boxes:
         center = (axes @ ((low + high) / 2.0)[..., None])[..., 0] + poses[..., :3, 3]
         return cls(center, axes, np.broadcast_to((high - low) / 2.0, center.shape))
 
-    def __getitem__(self, chosen: object) -> Boxes:
-        """The chosen boxes."""
-        return Boxes(self.center[chosen], self.axes[chosen], self.half[chosen])  # type: ignore[index]
+    def __getitem__(self, chosen: Any) -> Boxes:
+        """The boxes that an index of NumPy chooses."""
+        return Boxes(self.center[chosen], self.axes[chosen], self.half[chosen])
 
     def apart(self, other: Boxes) -> Mask:
         """Whether the boxes (...) lie apart, by the separating axes of two boxes (Gottschalk et al., 1996)."""
@@ -55,7 +56,7 @@ class Boxes:
         gap = (np.swapaxes(self.axes, -1, -2) @ (other.center - self.center)[..., None])[..., 0]
         size = np.abs(turn) + _PARALLEL
         a, b = self.half, other.half
-        apart: Mask = (np.abs(gap) > a + (size @ b[..., None])[..., 0]).any(axis=-1)
+        apart: Mask = np.asarray((np.abs(gap) > a + (size @ b[..., None])[..., 0]).any(axis=-1))
         there = np.abs((np.swapaxes(turn, -1, -2) @ gap[..., None])[..., 0])
         apart |= (there > b + (np.swapaxes(size, -1, -2) @ a[..., None])[..., 0]).any(axis=-1)
         for i in range(3):
@@ -68,6 +69,37 @@ class Boxes:
         return apart
 
 
+@dataclass(frozen=True, eq=False)
+class Hands:
+    """n hands, each at one pose and opening.
+
+    Attributes:
+        pieces: The p pieces of a hand.
+        poses: (n, p, 4, 4) their poses.
+        boxes: (n, p) boxes around them.
+    """
+
+    pieces: tuple[Rigid, ...]
+    poses: Array
+    boxes: Boxes
+
+    @classmethod
+    def of(cls, hand: Hand, from_base: Array, openings: Array) -> Hands:
+        """The hands with their bases at ``from_base`` (n, 4, 4) and openings (n,) [m]."""
+        poses = from_base[:, None] @ hand.base_from_piece(openings)
+        return cls(hand.pieces, poses, Boxes.around(hand.pieces, poses))
+
+    def hit(self, chosen: npt.NDArray[np.intp], body: Rigid, pose: Array) -> Mask:
+        """Which of the ``chosen`` hands (k,) touch ``body`` at ``pose`` (4, 4) (k,)."""
+        hits = np.zeros(len(chosen), dtype=bool)
+        near = ~self.boxes[chosen].apart(Boxes.around([body], pose[None, None]))
+        body_from_world = invert(pose)
+        for piece in np.argsort(-near.sum(axis=0)):
+            for i in np.flatnonzero(near[:, piece] & ~hits):
+                hits[i] = body.touches(self.pieces[piece], body_from_world @ self.poses[chosen[i], piece])
+        return hits
+
+
 def hands_hit(hand: Hand, from_base: Array, openings: Array, body: Rigid, pose: Array) -> Mask:
     """Which hands (n,) touch ``body``.
 
@@ -78,17 +110,7 @@ def hands_hit(hand: Hand, from_base: Array, openings: Array, body: Rigid, pose: 
         body: The body.
         pose: The body's pose (4, 4).
     """
-    hits = np.zeros(len(from_base), dtype=bool)
-    if not len(from_base):
-        return hits
-    poses = from_base[:, None] @ hand.base_from_piece(openings)
-    around = Boxes.around([body], pose[None, None])
-    near = ~Boxes.around(hand.pieces, poses).apart(around)
-    body_from_piece = invert(pose) @ poses
-    for piece in np.argsort(-near.sum(axis=0)):
-        for i in np.flatnonzero(near[:, piece] & ~hits):
-            hits[i] = body.touches(hand.pieces[piece], body_from_piece[i, piece])
-    return hits
+    return Hands.of(hand, from_base, openings).hit(np.arange(len(from_base)), body, pose)
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,8 +173,8 @@ class RegraspGraph:
                     if shared.any():
                         yield _along(route, goal.node, arm, shared)
             return
-        last = goals if regrasps == 1 else None
-        for node, arm in itertools.product(self.nodes, leaving):
+        last, able = goals if regrasps == 1 else None, [arm for arm in leaving if leaving[arm].any()]
+        for node, arm in itertools.product(self.nodes if able else (), able):
             if self._looked >= _MOST_LINKS or self.reacher.looked >= self._most_tests:
                 return
             seen = node in route.nodes and node.support is not None  # in the air, hands may meet again

@@ -112,11 +112,11 @@ def bring(
         NoRegraspError: There is no way.
     """
     failures: list[str] = []
-    tried = 0
+    tried, left = 0, goals
     for regrasps in range(most_regrasps + 1):
-        if regrasps and not (goals := graph.reachable(goals)):
+        if regrasps and not (left := graph.reachable(left)):
             break
-        routes = graph.routes_with(goals, regrasps)
+        routes = graph.routes_with(left, regrasps)
         while some := list(itertools.islice(routes, _ROUTES_AT_ONCE)):
             chosen = [(route, *choose(graph, route)) for route in some]
             for route, links, travel in sorted(chosen, key=lambda entry: entry[2]):
@@ -212,7 +212,7 @@ def _joined(graph: RegraspGraph, route: Route, k: int) -> tuple[list[Link], Arra
     if handover:
         spread = graph.spread(arm, route.masks[k])
         kept = np.concatenate([kept[:_PAIRED], kept[_PAIRED:][np.isin(here.grasp[i[kept[_PAIRED:]]], spread)]])
-    links = [Link(arm, int(here.grasp[i[r]]), here.take([i[r]]), there.take([j[r]])) for r in kept[: 4 * _PAIRED]]
+    links = [Link(arm, int(here.grasp[i[r]]), here.take(i[[r]]), there.take(j[[r]])) for r in kept[: 4 * _PAIRED]]
     return links, cost[kept[: 4 * _PAIRED]]
 
 

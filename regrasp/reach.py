@@ -18,7 +18,7 @@ from ..robots.robot import Robot
 from ..robots.scene import Scene
 from ..robots.state import Contact, SceneState
 from ..transforms import Array, compose, invert
-from .clearance import Mask, hands_hit
+from .clearance import Hands, Mask
 
 APPROACH = 0.05  # m that a hand comes straight to the part, and leaves it
 LIFT = 0.05  # m that a part goes straight up from its support, and comes down to it
@@ -41,6 +41,7 @@ class Holder:
     arm: Arm
     grasps: GraspSet
     part_from_flange: Array
+    _hands: dict[tuple[bool, float], Hands] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, robot: Robot, arm: str, grasps: GraspSet) -> Holder:
@@ -56,6 +57,17 @@ class Holder:
                 f"arm {arm}", f"has {name}, and the grasps are for {grasps.hand}", "plan them for its hand"
             )
         return cls(mounted, grasps, grasps.part_from_hand @ invert(mounted.flange_from_hand(grasps.opening)))
+
+    def hands(self, *, closed: bool, back: float = 0.0) -> Hands:
+        """The hands of all grasps in the part's frame, closed on it or open, ``back`` [m] along their approach."""
+        if (closed, back) not in self._hands:
+            hand = self.arm.hand
+            assert hand is not None
+            base = self.part_from_flange @ self.arm.flange_from_base
+            base[:, :3, 3] -= back * self.grasps.part_from_hand[:, :3, 2]
+            openings = self.grasps.opening if closed else self.grasps.approach_opening
+            self._hands[closed, back] = Hands.of(hand, base, openings)
+        return self._hands[closed, back]
 
     def row(self, grasp: int) -> GraspSet:
         """One grasp, as a set."""
@@ -162,6 +174,7 @@ class Reacher:
         self.looked = 0
         self._tested: dict[tuple[object, str], _Tested] = {}
         self._blocked: dict[object, str] = {}
+        self._closing = {arm: np.full(len(holder.grasps), -1, dtype=np.int8) for arm, holder in holders.items()}
 
     def reach(self, node: Node, arm: str, wanted: Mask) -> Reach:
         """The ways of ``arm`` to have the part at ``node`` with the ``wanted`` grasps (n,)."""
@@ -176,6 +189,19 @@ class Reacher:
             self.looked += len(new)
             entry.reach = entry.reach.joined(self._evaluate(node, holder, new, entry.dropped))
         return entry.reach.take(wanted[entry.reach.grasp])
+
+    def hand_ways(self, node: Node, arm: str, wanted: Mask) -> Reach:
+        """The ways of ``arm`` to hold the part at ``node`` with the ``wanted`` grasps (n,), for hand and arm alone.
+
+        Hands are clear and inverse kinematics answers; all branches.
+        """
+        holder, state = self.holders[arm], self.state_at(node)
+        (grasp,) = np.nonzero(wanted)
+        if self._part_blocked(node, state):
+            return self._nothing(arm)
+        grasp = self._hands_clear(node, holder, grasp, state, Counter())
+        found = holder.arm.solver(node.world_from_part @ holder.part_from_flange[grasp])
+        return _rows(grasp, found, np.arange(len(found.q)))
 
     def dropped(self) -> dict[tuple[str, str], Counter[str]]:
         """For each node and arm that was asked for, how many grasps fell to each cause."""
@@ -245,20 +271,17 @@ class Reacher:
 
     def _hands_clear(self, node: Node, holder: Holder, grasp: Rows, state: SceneState, dropped: Counter[str]) -> Rows:
         """The grasps whose hand touches nothing that stands around: closed, open, and open where it comes from."""
-        hand, arm = holder.arm.hand, holder.arm
-        assert hand is not None
-        poses = {name: self.scene.world_from_body(state, name) for name in self.scene.bodies if name != self.part}
-        sets = holder.grasps
-        passes = [(sets.opening, 0.0)]
+        part_from_world = invert(node.world_from_part)
+        passes = [holder.hands(closed=True)]
         if node.to_leave:
-            passes += [(sets.approach_opening, 0.0), (sets.approach_opening, APPROACH)]
-        for opening, back in passes:
-            base = node.world_from_part @ holder.part_from_flange[grasp] @ arm.flange_from_base
-            base[:, :3, 3] -= back * self._approach(node, holder, grasp)
-            for name, pose in poses.items():
-                hits = hands_hit(hand, base, opening[grasp], self.scene.bodies[name], pose)
-                dropped[f"hand against {name}"] += int(hits.sum())
-                grasp, base = grasp[~hits], base[~hits]
+            passes += [holder.hands(closed=False), holder.hands(closed=False, back=APPROACH)]
+        for name, body in self.scene.bodies.items():
+            if name != self.part:
+                pose = part_from_world @ self.scene.world_from_body(state, name)
+                for hands in passes:
+                    hits = hands.hit(grasp, body, pose)
+                    dropped[f"hand against {name}"] += int(hits.sum())
+                    grasp = grasp[~hits]
         return grasp
 
     def _approach(self, node: Node, holder: Holder, grasp: Rows) -> Array:

@@ -13,7 +13,7 @@ from ..errors import NoRegraspError, PlanningError
 from ..regrasp.clearance import Mask
 from ..regrasp.graph import Goal, RegraspGraph
 from ..regrasp.handovers import sample_handovers
-from ..regrasp.reach import APPROACH, Holder, Node, Rows, followed_line
+from ..regrasp.reach import APPROACH, Holder, Node, Reach, Rows, followed_line
 from ..regrasp.steps import Event, StepError
 from ..robots.state import Attachment, Contact, SceneState
 from ..robots.straight import INSERTION
@@ -25,9 +25,9 @@ from .task import Attach
 _log = logging.getLogger(__name__)
 
 _MOST_POSES = 96  # assembly poses that are looked at
-_ENOUGH, _ENOUGH_REGRASPED = 3, 8  # of them with hands that go together, that are tried
-_SPREAD = 60  # grasps a side that are tried at an assembly pose
-_TOGETHER = 24  # pairs of grasps whose whole robot is checked at an assembly pose
+_ENOUGH, _ENOUGH_REGRASPED = 3, 5  # of them with hands that go together, that are tried
+_SPREAD = 48  # grasps a side that are tried at an assembly pose
+_TOGETHER = 12  # pairs of grasps whose whole robot is checked at an assembly pose
 _EACH = 2  # of them for each grasp of the part that is joined to
 _PRECISION = 1e-4  # m and rad within which a part was brought where it should be
 _LOOKS = 5  # configurations of the straight way that are checked before it is planned
@@ -164,7 +164,7 @@ def _meetings(
     numbers = [np.cumsum(mask) - 1 for mask in (some_hold, some_move)]
     for world_from_to in poses:
         before = Node(f"{part} at a meeting", world_from_to @ fit.insertion.before(), None, to_leave=False)
-        moved = graphs[part].ways(before, fit.arm, some_move)
+        moved = graphs[part].reacher.hand_ways(before, fit.arm, some_move)
         arm, flanges = fit.mover.arm, before.world_from_part @ fit.mover.part_from_flange[moved.grasp]
         way = np.tile(world_from_to[:3, :3] @ fit.insertion.way, (len(moved.grasp), 1))
         ends, followed = followed_line(arm, moved.at, flanges, way)
@@ -175,7 +175,7 @@ def _meetings(
         if not len(moved.grasp):
             continue
         here = Node(f"{to} at a meeting", world_from_to, None, to_leave=False)
-        held = graphs[to].ways(here, fit.to_arm, some_hold)
+        held = _held_ways(graphs[to], here, fit.to_arm, some_hold)
         if not len(held.grasp):
             continue
         rows = np.argwhere(clear[np.ix_(numbers[0][held.grasp], numbers[1][moved.grasp])])
@@ -204,6 +204,13 @@ def _meetings(
             yield Meeting(world_from_to, fit, np.array(good, dtype=np.intp))
 
 
+def _held_ways(graph: RegraspGraph, node: Node, arm: str, mask: Mask) -> Reach:
+    """The ways of ``arm`` to hold the part at ``node``; where it is held there already, that one."""
+    if graph.held is not None and _same(node.world_from_part, graph.start.world_from_part):
+        return graph.ways(graph.start, arm, mask)
+    return graph.reacher.hand_ways(node, arm, mask)
+
+
 def _some(holder: Holder, mask: Mask) -> Mask:
     """At most a few well-spread grasps of ``mask`` (n,)."""
     (indices,) = np.nonzero(mask)
@@ -229,7 +236,7 @@ def _together(
     contacts.append(_mated(fit.insertion, part, to))
     q[fit.holder.arm.indices] = joints[0]
     checker = scene.checker(SceneState(q, openings, poses, attached, tuple(contacts)), {fit.arm, fit.to_arm})
-    for at in np.linspace(*joints[1], _LOOKS):
+    for at in np.linspace(*joints[1][::-1], _LOOKS):
         q[fit.mover.arm.indices] = at
         if not checker.free(q):
             return False

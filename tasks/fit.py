@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..regrasp.clearance import HandPoses, Mask, hands_hit
+from ..regrasp.clearance import HandPoses, Mask
 from ..regrasp.reach import APPROACH, Holder, Rows
 from ..robots.rigid import Rigid
 from ..robots.scene import Scene
-from ..transforms import Array, compose
+from ..transforms import Array, compose, invert
 from .job import Whole
 
 _ALONG = 0.01  # m between two looks along an insertion
@@ -73,30 +73,28 @@ class Fit:
         pairs = np.stack(np.meshgrid(np.arange(len(holding)), np.arange(len(moving)), indexing="ij"), axis=-1)
         pairs = pairs.reshape(-1, 2)
         clear = np.ones(len(pairs), dtype=bool)
-        still = _hands(self.holder, holding, self.holder.grasps.opening, np.eye(4), 0.0)
-        for frame, openings, back in self._passes():
+        still = _covers(self.holder, holding, np.eye(4), closed=True, back=0.0)
+        for frame, closed, back in self._passes():
             (left,) = np.nonzero(clear)
-            clear[left] = ~still.hit(_hands(self.mover, moving, openings, frame, back), pairs[left])
+            clear[left] = ~still.hit(_covers(self.mover, moving, frame, closed=closed, back=back), pairs[left])
         return clear.reshape(len(holding), len(moving))
-
-    def _passes(self) -> list[tuple[Array, Array, float]]:
-        """The moving hand at the end, leaving, and along the way: pose of the part, openings (n,), way back [m]."""
-        looks, grasps = self.insertion.looks(), self.mover.grasps
-        leaving = [(looks[0], grasps.approach_opening, float(back)) for back in _LEAVING]
-        return [*leaving, *((look, grasps.opening, 0.0) for look in looks)]
 
     def _holder_hits(self, grasps: Rows) -> Mask:
         hits = np.zeros(len(grasps), dtype=bool)
         for look, (body, at) in itertools.product(self.insertion.looks(), self._moved):
-            left = grasps[~hits]
-            hits[~hits] = _hit(self.holder, left, self.holder.grasps.opening, np.eye(4), 0.0, body, look @ at)
+            hits[~hits] = self.holder.hands(closed=True).hit(grasps[~hits], body, look @ at)
         return hits
 
     def _mover_hits(self, grasps: Rows) -> Mask:
         hits = np.zeros(len(grasps), dtype=bool)
-        for (frame, openings, back), (body, at) in itertools.product(self._passes(), self._still):
-            hits[~hits] = _hit(self.mover, grasps[~hits], openings, frame, back, body, at)
+        for (frame, closed, back), (body, at) in itertools.product(self._passes(), self._still):
+            hits[~hits] = self.mover.hands(closed=closed, back=back).hit(grasps[~hits], body, invert(frame) @ at)
         return hits
+
+    def _passes(self) -> list[tuple[Array, bool, float]]:
+        """The moving hand at the end, leaving, and along the way: pose of the part, whether closed, way back [m]."""
+        looks = self.insertion.looks()
+        return [*((looks[0], False, float(back)) for back in _LEAVING), *((look, True, 0.0) for look in looks)]
 
 
 class _Looked:
@@ -120,18 +118,10 @@ def _bodies(scene: Scene, whole: Whole) -> list[tuple[Rigid, Array]]:
     return [(scene.bodies[whole.part.name], np.eye(4)), *others]
 
 
-def _bases(holder: Holder, grasps: Rows, frame: Array, back: float) -> Array:
-    """Bases (k, 4, 4) of the hands of ``grasps`` with the part at ``frame`` (4, 4), ``back`` [m] along the approach."""
-    base: Array = frame @ holder.part_from_flange[grasps] @ holder.arm.flange_from_base
+def _covers(holder: Holder, grasps: Rows, frame: Array, *, closed: bool, back: float) -> HandPoses:
+    """The hands of ``grasps`` (k,) with the part at ``frame`` (4, 4), ``back`` [m] along their approach."""
+    assert holder.arm.hand is not None
+    base = frame @ holder.part_from_flange[grasps] @ holder.arm.flange_from_base
     base[:, :3, 3] -= back * (frame @ holder.grasps.part_from_hand[grasps])[:, :3, 2]
-    return base
-
-
-def _hit(holder: Holder, grasps: Rows, openings: Array, frame: Array, back: float, body: Rigid, pose: Array) -> Mask:
-    assert holder.arm.hand is not None
-    return hands_hit(holder.arm.hand, _bases(holder, grasps, frame, back), openings[grasps], body, pose)
-
-
-def _hands(holder: Holder, grasps: Rows, openings: Array, frame: Array, back: float) -> HandPoses:
-    assert holder.arm.hand is not None
-    return HandPoses.of(holder.arm.hand, _bases(holder, grasps, frame, back), openings[grasps])
+    openings = holder.grasps.opening if closed else holder.grasps.approach_opening
+    return HandPoses.of(holder.arm.hand, base, openings[grasps])
