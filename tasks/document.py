@@ -43,11 +43,11 @@ class Mesh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @classmethod
     def of(cls, mesh: trimesh.Trimesh, digest: str = "") -> Mesh:
         """Pack the triangles of ``mesh`` [m]."""
-        packed = [
+        vertices, faces = (
             base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode()
             for array, kind in ((mesh.vertices, "<f8"), (mesh.faces, "<i4"))
-        ]
-        return cls(*packed, digest)
+        )
+        return cls(vertices, faces, digest)
 
     def trimesh(self) -> trimesh.Trimesh:
         """The triangles [m], neither merged nor repaired."""

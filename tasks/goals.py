@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from ..regrasp.clearance import Mask
 from ..regrasp.graph import Goal, RegraspGraph
 from ..regrasp.nodes import spots_for
 from ..regrasp.reach import Node
@@ -65,7 +66,7 @@ def go_home(job: Job) -> None:
         )
 
 
-def _any_grasp(graph: RegraspGraph, pinned: str | None) -> dict[str, Array]:
+def _any_grasp(graph: RegraspGraph, pinned: str | None) -> dict[str, Mask]:
     holders = graph.reacher.holders
     return {arm: np.ones(len(h.grasps), dtype=bool) for arm, h in holders.items() if pinned in (None, arm)}
 

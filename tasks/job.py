@@ -190,5 +190,5 @@ class Job:
         part = graph.reacher.part
         self.tell(f"a way for {part}")
         _, links = bring(graph, goals, self.motions, most_regrasps)
-        self._used[part] = graph.reacher.holders[links[-1].arm].grasps[[links[-1].grasp]]
+        self._used[part] = graph.reacher.holders[links[-1].arm].row(links[-1].grasp)
         return links[-1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -49,7 +49,8 @@ def _state(scene: Scene, state: SceneState) -> State:
 
 def _motion(step: Step) -> Motion:
     trajectory = step.trajectory
-    ends: Mapping[str, tuple[float, float]] = {arm: (o, o) for arm, o in step.start.openings.items()} | step.openings
+    ends = {arm: (opening, opening) for arm, opening in step.start.openings.items()}
+    ends.update(step.openings)
     # From rest to rest over the whole step; a hand that moves does so between two samples.
     shares = np.linspace(0.0, 1.0, len(trajectory.times))
     still = tuple(0.0 for _ in trajectory.times)
