@@ -44,6 +44,15 @@ class Insertion:
 class Fit:
     """Which grasps of the two parts of an insertion go together; each is looked at once, when asked for.
 
+    Attributes:
+        insertion: How the moved part comes to the other.
+        part: Name of the moved part.
+        to: Name of the other.
+        arm: The arm that moves the part.
+        to_arm: The arm that holds the other.
+        mover: Grasps of the moved part.
+        holder: Grasps of the other.
+
     Args:
         scene: The scene with the bodies of all parts.
         insertion: How the moved part comes to the other.
@@ -55,6 +64,7 @@ class Fit:
 
     def __init__(self, scene: Scene, insertion: Insertion, moved: Whole, still: Whole, arm: str, to_arm: str) -> None:
         self.insertion, self.arm, self.to_arm = insertion, arm, to_arm
+        self.part, self.to = moved.part.name, still.part.name
         self.mover, self.holder = moved.holders[arm], still.holders[to_arm]
         self._moved, self._still = _bodies(scene, moved), _bodies(scene, still)
         self._holding = _Looked(len(self.holder.grasps))

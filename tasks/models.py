@@ -16,13 +16,21 @@ LIBRARY = Path(__file__).resolve().parent.parent / "robots" / "library"
 _HAND_FILES = (".yaml", ".yml")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HandFiles:
-    """The YAML and the URDF of a hand, and how the task calls its YAML."""
+    """A hand.
+
+    Attributes:
+        name: How the task calls its YAML file.
+        yaml: That file.
+        urdf: Its URDF.
+        content: What the YAML says.
+    """
 
     name: str
     yaml: Path
     urdf: Path
+    content: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -55,10 +63,9 @@ def model_files(task: Mapping[str, Any], folder: str | Path) -> ModelFiles:
         InputError: There is no such shipped robot or hand, or the YAML of a hand names no URDF.
     """
     folder, robot = Path(folder), task["robot"]
-    hands = {
-        arm: _hand_files(hand["hand"] if isinstance(hand, Mapping) else hand, folder)
-        for arm, hand in task["hands"].items()
-    }
+    names = {arm: hand["hand"] if isinstance(hand, Mapping) else hand for arm, hand in task["hands"].items()}
+    read = {name: _hand_files(name, folder) for name in sorted(set(names.values()))}
+    hands = {arm: read[name] for arm, name in names.items()}
     if isinstance(robot, Mapping):
         limits = robot.get("limits")
         return ModelFiles(
@@ -118,7 +125,7 @@ def _hand_files(hand: str, folder: Path) -> HandFiles:
     urdf = content.get("urdf") if isinstance(content, dict) else None
     if not isinstance(urdf, str) or not urdf:
         raise InputError(path, "names no URDF", "give the hand's URDF as urdf: NAME.urdf")
-    return HandFiles(name, path, path.parent / urdf)
+    return HandFiles(name, path, path.parent / urdf, content)
 
 
 def _shipped(name: str, suffix: str, kind: str) -> Path:

@@ -1,12 +1,21 @@
-"""What every command does with its answer: lines on the terminal, files, or one line on why a file cannot be."""
+"""What every command does with its answer: lines on the terminal, JSON, files, or one line on what went wrong."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import perf_counter
+from types import FrameType
+from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, KumitateError
+
+_CURE = "name a folder that exists and is yours"
+_CLEAR = "\r\x1b[K"  # back to the start of the terminal's line, and nothing on it
 
 
 def say(line: str) -> None:
@@ -14,15 +23,78 @@ def say(line: str) -> None:
     sys.stdout.write(line + "\n")
 
 
+def say_json(answer: Any) -> None:
+    """Print an answer for programs; numbers that are not finite become null."""
+    import msgspec
+
+    say(msgspec.json.format(msgspec.json.encode(answer)).decode())
+
+
+def say_error(error: KumitateError, *, as_json: bool) -> None:
+    """Print what went wrong, and what was tried, to the terminal; for programs with the other answers too."""
+    report = getattr(error, "report", ())
+    sys.stderr.write("".join([f"kumitate: {error}\n", *(f"  {line}\n" for line in report)]))
+    if as_json:
+        say_json({"error": {"kind": type(error).__name__, "message": str(error), "report": report}})
+
+
+@contextlib.contextmanager
+def on_interrupt(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Meanwhile ``handler`` gets what Ctrl-C sends."""
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def progress_line() -> Iterator[Callable[[str], None]]:
+    """What shows what is being done on one line of the terminal, which is gone in the end; nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda doing: None
+        return
+    started = perf_counter()
+
+    def show(doing: str) -> None:
+        width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+        sys.stderr.write(_CLEAR + f"{perf_counter() - started:4.0f} s  {doing}"[: width - 1])
+        sys.stderr.flush()
+
+    try:
+        yield show
+    finally:
+        sys.stderr.write(_CLEAR)
+
+
+def check_writable(path: Path) -> None:
+    """Check, before the work whose answer it shall hold, that a file can be written.
+
+    Raises:
+        InputError: It is a folder, or its folder is none, or not the user's.
+    """
+    folder = path.resolve().parent
+    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(path, "cannot be written", _CURE)
+
+
 def write_file(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file.
+    """Write a file; whoever reads it finds the whole of it, or what was there before.
 
     Raises:
         InputError: The file cannot be written.
     """
     try:
-        write(path)
+        if path.exists() and not path.is_file():  # a device or a pipe, which nothing may take the place of
+            write(path)
+            return
+        path = path.resolve()
+        beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+        with on_interrupt(signal.default_int_handler):
+            try:
+                write(beside)
+                beside.replace(path)
+            finally:
+                beside.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(
-            path, f"cannot be written ({error.strerror})", "name a folder that exists and is yours"
-        ) from error
+        raise InputError(path, f"cannot be written ({error.strerror})", _CURE) from error

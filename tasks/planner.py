@@ -108,8 +108,9 @@ def _reach(job: Job, goal: Goal, to_come: tuple[Goal, ...]) -> None:
     if goal.attach is not None:
         same = [other.attach for other in to_come if other.attach is not None and other.attach.to == goal.attach.to]
         attach(job, goal.attach, same)
-        if goal.attach.then == "place":
-            put_down(job, job.root(goal.attach.to))
+        whole = job.root(goal.attach.to)
+        if goal.attach.then == "place" and job.rests_on(whole) is None:
+            put_down(job, whole)
     elif goal.place is not None:
         place(job, goal.place)
     elif goal.hand_over is not None:

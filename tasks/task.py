@@ -154,6 +154,8 @@ class Attach(Record, frozen=True):
         arm: The arm that holds the part, if it matters.
         to_arm: The arm that holds the other part, if it matters.
         where: Pose of the other part in the world at that moment, if it matters.
+        grasp: Pose of the hand in the frame of the part, if it matters: planned grasps within 5 mm and 10 deg are used.
+        to_grasp: The same for the other part.
         then: Whether the other part, with all that is joined to it, is still held afterwards or put down.
     """
 
@@ -164,6 +166,8 @@ class Attach(Record, frozen=True):
     arm: str | None = None
     to_arm: str | None = None
     where: At | None = None
+    grasp: At | None = None
+    to_grasp: At | None = None
     then: Literal["hold", "place"] = "hold"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -170,8 +170,11 @@ def read_machine(task: Task, builtins: Mapping[str, Any], folder: Path) -> Machi
     for i, joint in enumerate(tree.moving):
         home[i] = states.get(wanted, {}).get(joint.name, home[i])
     mounts = {arm: hand.mount for arm, hand in task.hands.items() if isinstance(hand, Mounted)}
+    kinds = {hand.name: _gripper(hand) for hand in {hand.name: hand for hand in files.hands.values()}.values()}
     grippers = {
-        arm: _gripper(hand, pose(mounts[arm].xyz, mounts[arm].rpy) if arm in mounts else np.eye(4))
+        arm: replace(kinds[hand.name], mount=pose(mounts[arm].xyz, mounts[arm].rpy))
+        if arm in mounts
+        else kinds[hand.name]
         for arm, hand in files.hands.items()
     }
     base = pose(own.base.xyz, own.base.rpy) if own else np.eye(4)
@@ -227,14 +230,14 @@ def _limits(tree: Tree, files: ModelFiles) -> Array:
     return limits
 
 
-def _gripper(files: HandFiles, mount: Array) -> Gripper:
-    spec, tree = _yaml(files.yaml), read_tree(files.urdf)
+def _gripper(files: HandFiles) -> Gripper:
+    spec, tree = files.content, read_tree(files.urdf)
     try:
         pads, lip = spec.get("pads", []), spec.get("lip")
         driver = spec.get("driver", {"joint": "", "open": 0.0, "closed": 0.0})
         return Gripper(
             tree=tree,
-            mount=mount,
+            mount=np.eye(4),
             stroke=(float(spec["stroke"][0]), float(spec["stroke"][1])) if pads else (0.0, 0.0),
             depth=float(spec.get("contact_depth", 0.0)),
             speed=float(spec.get("speed", 0.0)),

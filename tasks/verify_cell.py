@@ -255,6 +255,12 @@ def read_task(builtins: Mapping[str, Any]) -> Task:
             parts, arms = [*parts, goal.place.part], [*arms, goal.place.arm]
         elif goal.hand_over is not None:
             parts, arms = [*parts, goal.hand_over.part], [*arms, goal.hand_over.to]
+    asked = [entry for goal in task.goals for entry in (goal.attach, goal.place, goal.hand_over) if entry is not None]
+    inserts = [goal.attach.insert for goal in task.goals if goal.attach is not None]
+    if len(asked) != len(task.goals) or not all(any(i.direction) and i.distance > 0.0 for i in inserts):
+        raise InputError("plan: task", "a goal is not one of attach, place, hand_over, or has no way to insert", cure)
+    if not 0.0 < task.speed <= 1.0:
+        raise InputError("plan: task", f"the speed is {task.speed}, not a share of the limits", cure)
     odd = (set(parts) - set(task.parts)) | ({arm for arm in arms if arm is not None} - set(task.hands))
     names = [*task.parts, *(entry.name for entry in task.cell), *task.hands]
     if odd or len(set(names)) < len(names):

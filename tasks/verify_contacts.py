@@ -39,6 +39,7 @@ class Contacts:
     def __init__(self, plan: Plan, cell: Cell, stretch: Stretch, values: Array, poses: Array) -> None:
         self._plan, self._cell, self._stretch, self._values, self._poses = plan, cell, stretch, values, poses
         self._action = plan.actions[stretch.action]
+        self._hands: dict[str, Array] = {}
 
     def ways(self, i: int, j: int, sample: int) -> Array:
         """Ways (k, 3) for body i to leave body j by the tolerance [m], any of which will do; none: they may not touch.
@@ -90,7 +91,9 @@ class Contacts:
         fingers, name = self._cell.machine.grippers[piece.arm].fingers, piece.name.partition("/")[2]
         if name not in fingers or not self._grips(piece, part, i, j, sample):
             return _UPWARD[:0]
-        x, _, z = self._cell.hand(piece.arm, self._values[sample : sample + 1])[0, :3, :3].T
+        if piece.arm not in self._hands:
+            self._hands[piece.arm] = self._cell.hand(piece.arm, self._values)
+        x, _, z = self._hands[piece.arm][sample, :3, :3].T
         way: Array = -z if self._cell.machine.grippers[piece.arm].lip is not None else x if fingers.index(name) else -x
         return TOLERANCE * way[None]
 

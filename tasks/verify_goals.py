@@ -45,17 +45,20 @@ class Goals:
             at = mine[-1] if mine else last
             if all(misses):
                 words = f"goal {number} is not reached: {self._missed(goal, max(at, moment))}"
-                self._findings.add("goal", words, action=max(at, moment), bodies=_named(goal))
+                self._report("goal", words, max(at, moment), _named(goal))
                 continue
             moment += next(k for k, missed in enumerate(misses) if not missed)
             if misses[-1] and not goal.hand_over and not self._taken_on(goal, goals[number + 1 :]):
                 words = f"goal {number} is undone at the end: {misses[-1]}"
-                self._findings.add("goal", words, action=last, bodies=_named(goal))
+                self._report("goal", words, last, _named(goal))
         for goal in goals:
             if goal.attach is not None:
                 self._check_insertion(goal.attach)
         if self._cell.task.end == "home":
             self._check_home()
+
+    def _report(self, name: str, words: str, k: int, bodies: tuple[str, ...]) -> None:
+        self._findings.add(name, words, action=k, time=self._ends[k].end, bodies=bodies)
 
     def _missed(self, goal: Goal, k: int) -> str:
         """What is missing to the goal at the end of action ``k``; empty if it is reached."""
@@ -134,7 +137,7 @@ class Goals:
             if not _holds(end, arm) and off.max() > SAME:
                 joint = machine.joint_names[int(joints[off.argmax()])]
                 words = f"{joint} of the {arm} arm, whose hand is empty, ends {off.max():.6f} off home"
-                self._findings.add("end", words, action=len(self._ends) - 1, bodies=[joint])
+                self._report("end", words, len(self._ends) - 1, (joint,))
 
 
 def _holds(stretch: Stretch, arm: str) -> bool:

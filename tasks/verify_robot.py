@@ -11,10 +11,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from ..errors import InputError
-from ..transforms import Array, compose, pose, rotation_about, transform_points
+from ..transforms import Array, pose, transform_points
 from .models import read_bytes
 
 _SECTIONS = 96
@@ -92,19 +93,41 @@ class Tree:
 
     def forward(self, q: Array, root: Array) -> Array:
         """Poses (n, links, 4, 4) of the links at configurations (n, joints), the root at pose ``root`` (4, 4)."""
+        first, second = np.where(self._slides, q, np.sin(q)), np.where(self._slides, 0.0, 1.0 - np.cos(q))
+        origins, firsts, seconds = self._terms
+        moves = origins[self._moves] + first[..., None, None] * firsts + second[..., None, None] * seconds
         poses = np.zeros((len(q), len(self.links), 4, 4))
         poses[:, 0] = root
         at = 0
-        for joint in self.joints:
-            motion = joint.origin
-            if joint.moves:
-                value, at = q[:, at], at + 1
-                if joint.slides:
-                    motion = joint.origin @ compose(np.eye(3), value[:, None] * joint.axis)
-                else:
-                    motion = joint.origin @ compose(rotation_about(joint.axis, value), np.zeros(3))
-            poses[:, joint.child] = poses[:, joint.parent] @ motion
+        for joint, origin in zip(self.joints, origins, strict=True):
+            poses[:, joint.child] = poses[:, joint.parent] @ (moves[:, at] if joint.moves else origin)
+            at += joint.moves
         return poses
+
+    @cached_property
+    def _moves(self) -> npt.NDArray[np.bool_]:
+        return np.array([joint.moves for joint in self.joints], dtype=bool)
+
+    @cached_property
+    def _slides(self) -> npt.NDArray[np.bool_]:
+        return np.array([joint.slides for joint in self.moving], dtype=bool)
+
+    @cached_property
+    def _terms(self) -> tuple[Array, Array, Array]:
+        """Matrices (k, 4, 4) by which the pose of a joint's child in its parent follows from its position.
+
+        For a turn by q about the axis with cross matrix K it is ``origin (1 + sin q K + (1 - cos q) K^2)`` (Rodrigues),
+        for a slide ``origin (1 + q T)``. Origins are given for all joints, the others for those that move.
+        """
+        origins = np.array([joint.origin for joint in self.joints]).reshape(-1, 4, 4)
+        steps = np.zeros((len(self.moving), 4, 4))
+        for step, joint in zip(steps, self.moving, strict=True):
+            if joint.slides:
+                step[:3, 3] = joint.axis
+            else:
+                step[:3, :3] = np.cross(np.eye(3), joint.axis)
+        firsts = origins[self._moves] @ steps
+        return origins, firsts, firsts @ steps
 
     def ancestors(self, link: int) -> Iterator[int]:
         """The links that carry ``link``, the nearest first."""

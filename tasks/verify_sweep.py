@@ -26,6 +26,7 @@ FREE_STEP = 1e-3  # m
 STRAIGHT_STEP = 0.2e-3  # m
 _FREE = ("transit", "transfer")
 _COARSE = 8  # pieces of a segment from which its steps are found
+_MOST_PIECES = 20_000  # of one of these; a machine that goes farther in it has left all limits
 _SPARE = 1.05  # because the pieces of a piece are not all alike
 _CURVING = 2e-5  # m by which two bodies may come nearer to each other between two samples than their chords tell
 _WORTH_MEASURING = 0.02  # m; over longer ways a distance proves little, and costs most
@@ -93,7 +94,7 @@ class Sweeper:
         step = FREE_STEP if self.plan.actions[stretch.action].kind in _FREE else STRAIGHT_STEP
         times = _refined(times, np.full(len(times) - 1, _COARSE))
         travelled = _travelled(self.cell, self.cell.poses(curve.at(times), stretch.poses)).max(axis=1)
-        times = _refined(times, np.maximum(np.ceil(_SPARE * travelled / step).astype(np.intp), 1))
+        times = _refined(times, np.clip(np.ceil(_SPARE * travelled / step), 1, _MOST_PIECES).astype(np.intp))
         values = curve.at(times)
         return times, values, self.cell.poses(values, stretch.poses)
 
@@ -151,9 +152,9 @@ class Sweeper:
     ) -> None:
         (i, j), at = min(found.items(), key=lambda entry: entry[1])
         bodies = self.cell.bodies[i].name, self.cell.bodies[j].name
-        words = f"{bodies[0]} and {bodies[1]} touch; {1e3 * contacts.depth(i, j, at):.2f} mm would part them"
+        words = f"{bodies[0]} and {bodies[1]} touch, {1e3 * contacts.depth(i, j, at):.2f} mm deep"
         if name == "contact":
-            words += f", and {1e3 * TOLERANCE:g} mm may"
+            words += f"; {1e3 * TOLERANCE:g} mm is the most"
         if len(found) > 1:
             words += f"; {len(found) - 1} more pairs touch"
         self.findings.add(name, words, action=stretch.action, time=float(times[at]), bodies=bodies)
