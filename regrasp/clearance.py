@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import coal
@@ -89,14 +89,27 @@ class Hands:
         poses = from_base[:, None] @ hand.base_from_piece(openings)
         return cls(hand.pieces, poses, Boxes.around(hand.pieces, poses))
 
-    def hit(self, chosen: npt.NDArray[np.intp], body: Rigid, pose: Array) -> Mask:
-        """Which of the ``chosen`` hands (k,) touch ``body`` at ``pose`` (4, 4) (k,)."""
+    def hit(
+        self,
+        chosen: npt.NDArray[np.intp],
+        body: Rigid,
+        pose: Array,
+        *,
+        without: Sequence[int] = (),
+        margin: float = 0.0,
+    ) -> Mask:
+        """Which of the ``chosen`` hands (k,) touch ``body`` at ``pose`` (4, 4), or come nearer than ``margin`` [m].
+
+        The pieces ``without`` are left out.
+        """
         hits = np.zeros(len(chosen), dtype=bool)
-        near = ~self.boxes[chosen].apart(Boxes.around([body], pose[None, None]))
+        around = Boxes.around([body], pose[None, None])
+        near = ~self.boxes[chosen].apart(replace(around, half=around.half + margin))
+        near[:, list(without)] = False
         body_from_world = invert(pose)
         for piece in np.argsort(-near.sum(axis=0)):
             for i in np.flatnonzero(near[:, piece] & ~hits):
-                hits[i] = body.touches(self.pieces[piece], body_from_world @ self.poses[chosen[i], piece])
+                hits[i] = body.touches(self.pieces[piece], body_from_world @ self.poses[chosen[i], piece], margin)
         return hits
 
 

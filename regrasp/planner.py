@@ -25,8 +25,9 @@ from .supports import Support
 _log = logging.getLogger(__name__)
 
 _ROUTES_AT_ONCE = 4  # routes with as many regrasps that are compared by their joint travel
-_MOST_ROUTES = 24
+_MOST_FAILURES = 24  # motions that may fail before the search ends
 _TRIES = 4  # concrete grasps tried along a route
+_AT_TARGET = ("transfer", "lower", "open", "retreat")  # motions that fail for what is at the end of a link
 _MOST_MEETINGS = 30  # pairs of grasps at a handover that are checked with both arms
 _PAIRED = 40  # ways a side of a handover that are paired, those with the least travel
 
@@ -112,7 +113,7 @@ def bring(
         NoRegraspError: There is no way.
     """
     failures: list[str] = []
-    tried, left = 0, goals
+    left = goals
     for regrasps in range(most_regrasps + 1):
         if regrasps and not (left := graph.reachable(left)):
             break
@@ -122,9 +123,8 @@ def bring(
             for route, links, travel in sorted(chosen, key=lambda entry: entry[2]):
                 if np.isfinite(travel) and (done := _follow_some(graph, route, links, motions, failures)):
                     return route, done
-                tried += 1
-            if tried >= _MOST_ROUTES:
-                raise report_on(graph, goals, failures)
+                if len(failures) >= _MOST_FAILURES:
+                    raise report_on(graph, goals, failures)
     raise report_on(graph, goals, failures)
 
 
@@ -222,7 +222,7 @@ def _follow_some(
     """The links of ``route`` for which motions were found, trying other grasps where they fail; nothing if none do."""
     start = motions.mark()
     for _ in range(_TRIES):
-        if not links:
+        if not links or len(failures) >= _MOST_FAILURES:
             break
         done = 0
         try:
@@ -232,11 +232,24 @@ def _follow_some(
             motions.back_to(start)
             failures.append(f"{route.nodes[done].name} to {route.nodes[done + 1].name}: {error}")
             _log.info("%s", failures[-1])
-            graph.strike(route.nodes[done], route.nodes[done + 1], links[done].arm, links[done].grasp)
+            _give_up(graph, route, links, done, error)
             links, _ = choose(graph, route)
         else:
             return links
     return ()
+
+
+def _give_up(graph: RegraspGraph, route: Route, links: Sequence[Link], k: int, error: StepError) -> None:
+    """Strike out what the failed motion of link ``k`` was to or from: a way of an arm to have the part at a node."""
+    link, source, target = links[k], route.nodes[k], route.nodes[k + 1]
+    if error.arm != link.arm:
+        graph.reacher.give_up(source, error.arm, links[k - 1].grasp, links[k - 1].target.at[0])
+    elif error.kind in _AT_TARGET:
+        graph.reacher.give_up(target, link.arm, link.grasp, link.target.at[0])
+    elif graph.held is None or source is not graph.start:
+        graph.reacher.give_up(source, link.arm, link.grasp, link.source.at[0])
+    else:
+        graph.strike(source, target, link.arm, link.grasp)
 
 
 def _follow(graph: RegraspGraph, route: Route, links: Sequence[Link], k: int, motions: Motions) -> None:

@@ -23,6 +23,8 @@ from .clearance import Hands, Mask
 APPROACH = 0.05  # m that a hand comes straight to the part, and leaves it
 LIFT = 0.05  # m that a part goes straight up from its support, and comes down to it
 _LINE_POSES = 6
+_ROOM = 1e-3  # m between a hand and what stands around
+_SAME = 1e-6  # rad or m; joints of one branch are found anew within this
 _UP = np.array([0.0, 0.0, 1.0])
 
 Rows = npt.NDArray[np.intp]
@@ -72,6 +74,14 @@ class Holder:
     def row(self, grasp: int) -> GraspSet:
         """One grasp, as a set."""
         return self.grasps[np.array([grasp])]
+
+    @property
+    def gripping(self) -> list[int]:
+        """Indices of the hand's pieces that carry a pad, or the lip."""
+        hand = self.arm.hand
+        assert hand is not None
+        joints = {pad.joint for pad in hand.pads} or {hand.pieces[0].joint}
+        return [i for i, piece in enumerate(hand.pieces) if piece.joint in joints]
 
     def pads(self, part: str, grasp: int) -> list[Contact]:
         """The contacts of the hand's pads (or lip) with ``part`` in a grasp; free again when the fingers open a bit."""
@@ -151,6 +161,8 @@ class _Tested:
     tested: Mask
     reach: Reach
     dropped: Counter[str] = field(default_factory=Counter)
+    given_up: dict[int, list[Array]] = field(default_factory=dict)
+    admitted: bool = False
 
 
 class Reacher:
@@ -189,6 +201,32 @@ class Reacher:
             self.looked += len(new)
             entry.reach = entry.reach.joined(self._evaluate(node, holder, new, entry.dropped))
         return entry.reach.take(wanted[entry.reach.grasp])
+
+    def admit(self, node: Node, arm: str, ways: Reach) -> None:
+        """Take ``ways`` of ``arm`` to hold the part at ``node``, and no others, as far as the robot is free there."""
+        holder, state = self.holders[arm], self.state_at(node)
+        entry = _Tested(node.name, np.ones(len(holder.grasps), dtype=bool), self._nothing(arm), admitted=True)
+        failed: dict[int, str] = {}
+        if not self._part_blocked(node, state):
+            entry.reach = self._robot_free(node, holder, ways.take(np.argsort(ways.grasp)), state, failed)
+        entry.dropped.update(failed[int(g)] for g in np.setdiff1d(ways.grasp, entry.reach.grasp) if int(g) in failed)
+        self._tested[node.key, arm] = entry
+
+    def give_up(self, node: Node, arm: str, grasp: int, at: Array) -> None:
+        """Forget a way to have the part at ``node``, to or from which no motion was found; other branches replace it.
+
+        Not where ways were admitted: there no others come.
+        """
+        entry, holder = self._tested[node.key, arm], self.holders[arm]
+        known = entry.reach
+        entry.reach = known.take((known.grasp != grasp) | (np.abs(known.at - at).max(axis=1) > _SAME))
+        tried = entry.given_up.setdefault(grasp, [])
+        tried.append(at)
+        if not (entry.admitted or (entry.reach.grasp == grasp).any()):
+            found = holder.arm.solver(node.world_from_part @ holder.part_from_flange[grasp])
+            new = [i for i, q in enumerate(found.q) if all(np.abs(q - old).max() > _SAME for old in tried)]
+            rows = _rows(np.array([grasp]), found, np.array(new, dtype=np.intp))
+            entry.reach = entry.reach.joined(self._followed_and_free(node, holder, rows, self.state_at(node), {}))
 
     def hand_ways(self, node: Node, arm: str, wanted: Mask) -> Reach:
         """The ways of ``arm`` to hold the part at ``node`` with the ``wanted`` grasps (n,), for hand and arm alone.
@@ -279,10 +317,23 @@ class Reacher:
             if name != self.part:
                 pose = part_from_world @ self.scene.world_from_body(state, name)
                 for hands in passes:
-                    hits = hands.hit(grasp, body, pose)
+                    hits = hands.hit(grasp, body, pose, margin=_ROOM)
                     dropped[f"hand against {name}"] += int(hits.sum())
                     grasp = grasp[~hits]
-        return grasp
+        closes = self._closes(holder, grasp)
+        dropped[f"closed hand against {self.part}"] += int((~closes).sum())
+        return grasp[closes]
+
+    def _closes(self, holder: Holder, grasp: Rows) -> Mask:
+        """Which of ``grasp`` (m,) touch the part with nothing but pads once the hand is closed.
+
+        Grasps are planned with the fingers opened by the contact tolerance, and a knuckle may close in on the part.
+        """
+        known = self._closing[holder.arm.name]
+        new = grasp[known[grasp] < 0]
+        hands, body = holder.hands(closed=True), self.scene.bodies[self.part]
+        known[new] = ~hands.hit(new, body, np.eye(4), without=holder.gripping)
+        return np.asarray(known[grasp] == 1)
 
     def _approach(self, node: Node, holder: Holder, grasp: Rows) -> Array:
         """Approach directions (n, 3) of grasps in the world."""

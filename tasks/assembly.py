@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import NoRegraspError, PlanningError
 from ..regrasp.clearance import Mask
-from ..regrasp.graph import Goal, RegraspGraph
+from ..regrasp.graph import MOST_REGRASPS, Goal, RegraspGraph
 from ..regrasp.handovers import sample_handovers
-from ..regrasp.reach import APPROACH, Holder, Node, Rows
+from ..regrasp.planner import Link
+from ..regrasp.reach import APPROACH, Holder, Node, Reach, Rows
 from ..regrasp.steps import Event, StepError
 from ..robots.straight import INSERTION
 from ..transforms import Array, invert, pose, pose_distance
@@ -25,6 +27,7 @@ _log = logging.getLogger(__name__)
 
 _MOST_POSES = 96  # assembly poses that are looked at
 _ENOUGH, _ENOUGH_REGRASPED = 3, 5  # of them with hands that go together, that are tried
+_SAME = 1e-6  # rad or m; joints of one way are found anew within this
 _PIN_REACH, _PIN_TURN = 5e-3, float(np.radians(10.0))  # m and rad between a pinned grasp and the planned ones it allows
 
 
@@ -157,28 +160,55 @@ def _join(job: Job, graphs: dict[str, RegraspGraph], some: list[Meeting], first:
         NoRegraspError, StepError: A way was not found; nothing has been added to the job then.
     """
     fit, mark, tried = some[0].fit, job.mark(), list(some)
-    side = {fit.to: 0, fit.part: 1}
-    holders = {fit.to: fit.holder, fit.part: fit.mover}
-    second = fit.part if first == fit.to else fit.to
-
-    def goal(meeting: Meeting, name: str, pairs: Rows) -> Goal:
-        at = meeting.world_from_to if name == fit.to else meeting.world_from_part
-        return _goal(name, at, holders[name], pairs[:, side[name]])
-
-    goals = [goal(meeting, first, meeting.pairs) for meeting in some]
+    second, side = (fit.part, 0) if first == fit.to else (fit.to, 1)
+    goals = [_goal(meeting, first) for meeting in some]
     try:
-        link = job.bring(job.graph(first, [g.node for g in goals], graphs[first].reacher), goals)
-        reached = [same_pose(g.node.world_from_part, job.pose(first)) for g in goals]
-        meeting = some[reached.index(True)]
+        graph = job.graph(first, [goal.node for goal in goals], graphs[first].reacher)
+        link = _bring(job, graph, goals, [_ways(m, first, m.pairs[:, side]) for m in some])
+        meeting = some[[same_pose(goal.node.world_from_part, job.pose(first)) for goal in goals].index(True)]
         tried = [meeting]
-        last = goal(meeting, second, meeting.pairs[meeting.pairs[:, side[first]] == link.grasp])
-        grasp = job.bring(job.graph(second, [last.node]), [last], most_regrasps).grasp
+        held = meeting.held if first == fit.to else meeting.moved
+        taken = (held.grasp == link.grasp) & (np.abs(held.at - link.target.at).max(axis=1) < _SAME)
+        fitting = meeting.pairs[taken[meeting.pairs[:, side]]]
+        last = _goal(meeting, second)
+        ways = _ways(meeting, second, fitting[:, 1 - side])
+        grasp = _bring(job, job.graph(second, [last.node]), [last], [ways], most_regrasps).grasp
         _insert(job, fit, link.grasp if first == fit.part else grasp)
     except (NoRegraspError, StepError):
         job.back_to(mark)
         for meeting in tried:
             some.remove(meeting)
         raise
+
+
+def _goal(meeting: Meeting, name: str) -> Goal:
+    """A part at ``meeting``, before the straight way; grasps are told by the ways admitted there."""
+    fit = meeting.fit
+    at, holder = (meeting.world_from_to, fit.holder) if name == fit.to else (meeting.world_from_part, fit.mover)
+    return _held_goal(name, at, holder)
+
+
+def _held_goal(name: str, world_from_part: Array, holder: Holder) -> Goal:
+    node = Node(f"{name} at the meeting", world_from_part, None, to_leave=False)
+    return Goal(node, {holder.arm.name: np.ones(len(holder.grasps), dtype=bool)})
+
+
+def _ways(meeting: Meeting, name: str, rows: Rows) -> Reach:
+    """The ways ``rows`` (k,) to hold a part at ``meeting``, each once."""
+    return (meeting.held if name == meeting.fit.to else meeting.moved).take(np.unique(rows))
+
+
+def _bring(
+    job: Job, graph: RegraspGraph, goals: Sequence[Goal], ways: Sequence[Reach], most_regrasps: int = MOST_REGRASPS
+) -> Link:
+    """Bring a part to one of ``goals``, to each in one of its ``ways``.
+
+    Raises:
+        NoRegraspError: There is no way.
+    """
+    for goal, entry in zip(goals, ways, strict=True):
+        graph.reacher.admit(goal.node, next(iter(goal.allowed)), entry)
+    return job.bring(graph, goals, most_regrasps)
 
 
 # On a support ---------------------------------------------------------------------------------------------------------
@@ -194,22 +224,17 @@ def _where_it_stands(job: Job, goal: Attach, failures: list[str]) -> bool:
         fit = _fit(job, goal, to, arm, arm)
         move = fit.moving(_pinned(fit.mover, goal.grasp))
         ways = moving_ways(graph, fit, job.pose(to), move)
-        last = _goal(goal.part, job.pose(to) @ fit.insertion.before(), fit.mover, ways.grasp)
+        last = _held_goal(goal.part, job.pose(to) @ fit.insertion.before(), fit.mover)
         job.tell(f"{goal.part} to {to} where it stands")
         try:
-            _insert(job, fit, job.bring(job.graph(goal.part, [last.node]), [last]).grasp)
+            onward = job.graph(goal.part, [last.node], graph.reacher)
+            _insert(job, fit, _bring(job, onward, [last], [replace(ways, above=ways.at)]).grasp)
         except (NoRegraspError, StepError) as error:
             job.back_to(mark)
             failures.append(f"{to} stays on {job.rests_on(to)}, {arm} arm brings {goal.part}: {error}")
         else:
             return True
     return False
-
-
-def _goal(name: str, world_from_part: Array, holder: Holder, grasps: Rows) -> Goal:
-    allowed = np.zeros(len(holder.grasps), dtype=bool)
-    allowed[grasps] = True
-    return Goal(Node(f"{name} at the meeting", world_from_part, None, to_leave=False), {holder.arm.name: allowed})
 
 
 def _insert(job: Job, fit: Fit, grasp: int) -> None:

@@ -29,11 +29,15 @@ class Meeting:
     Attributes:
         world_from_to: Pose (4, 4) of the part that the other is joined to.
         fit: Which arm does what.
-        pairs: (k, 2) grasps of that part and of the moved one.
+        held: Ways of the arm that holds that part.
+        moved: Ways of the arm that moves the other, before the straight way.
+        pairs: (k, 2) ways of both that go together, as their numbers.
     """
 
     world_from_to: Array
     fit: Fit
+    held: Reach
+    moved: Reach
     pairs: Rows
 
     @property
@@ -68,7 +72,7 @@ def meetings(
         rows = np.argwhere(clear[np.ix_(held.grasp, moved.grasp)])
         pairs = _together(scene, graphs[fit.to].reacher.state, fit, held, moved, rows)
         if len(pairs):
-            yield Meeting(world_from_to, fit, pairs)
+            yield Meeting(world_from_to, fit, held, replace(moved, above=moved.at), pairs)
 
 
 def moving_ways(graph: RegraspGraph, fit: Fit, world_from_to: Array, move: Mask) -> Reach:
@@ -112,7 +116,7 @@ def _some(holder: Holder, mask: Mask) -> Mask:
 
 
 def _together(scene: Scene, state: SceneState, fit: Fit, held: Reach, moved: Reach, rows: Rows) -> Rows:
-    """The pairs of grasps (k, 2), of the pairs of ways ``rows`` (m, 2), with which the whole robot is free.
+    """Those of the pairs of ways ``rows`` (m, 2) with which the whole robot is free (k, 2).
 
     Pairs near home and of good quality are looked at first, and not many with the same grasp of the part that is
     joined to.
@@ -123,18 +127,18 @@ def _together(scene: Scene, state: SceneState, fit: Fit, held: Reach, moved: Rea
         np.abs(moved.at - home[fit.mover.arm.indices]).max(axis=1, initial=0.0)[j],
     )
     quality = fit.holder.grasps.quality[held.grasp[i]] + fit.mover.grasps.quality[moved.grasp[j]]
-    good: list[tuple[int, int]] = []
+    good: list[int] = []
     looked = 0
     for row in np.argsort(travel - quality, kind="stable"):
-        pair = (int(held.grasp[i[row]]), int(moved.grasp[j[row]]))
+        hold, move = int(held.grasp[i[row]]), int(moved.grasp[j[row]])
         if looked == _TOGETHER:
             break
-        if sum(pair[0] == hold for hold, _ in good) < _EACH:
+        if (held.grasp[i[good]] == hold).sum() < _EACH:
             looked += 1
-            both = _both_held(state, fit, *pair)
+            both = _both_held(state, fit, hold, move)
             if _free_along(scene, both, fit, held.at[i[row]], moved.at[j[row]], moved.above[j[row]]):
-                good.append(pair)
-    return np.array(good, dtype=np.intp).reshape(-1, 2)
+                good.append(int(row))
+    return rows[good]
 
 
 def _both_held(state: SceneState, fit: Fit, hold: int, move: int) -> SceneState:
