@@ -20,12 +20,12 @@ from ..robots.straight import INSERTION
 from ..transforms import Array, invert, pose, pose_distance
 from .fit import Fit, Insertion
 from .job import Job
-from .meetings import Meeting, mated, meetings, moving_ways, same_pose
+from .meetings import Meeting, along_and_back, mated, meetings, same_pose
 from .task import At, Attach
 
 _log = logging.getLogger(__name__)
 
-_MOST_POSES = 96  # assembly poses that are looked at
+_MOST_POSES = 192  # assembly poses that are looked at
 _ENOUGH, _ENOUGH_REGRASPED = 3, 5  # of them with hands that go together, that are tried
 _SAME = 1e-6  # rad or m; joints of one way are found anew within this
 _PIN_REACH, _PIN_TURN = 5e-3, float(np.radians(10.0))  # m and rad between a pinned grasp and the planned ones it allows
@@ -223,12 +223,12 @@ def _where_it_stands(job: Job, goal: Attach, failures: list[str]) -> bool:
     for arm in job.cell.robot.hands if goal.arm is None else [goal.arm]:
         fit = _fit(job, goal, to, arm, arm)
         move = fit.moving(_pinned(fit.mover, goal.grasp))
-        ways = moving_ways(graph, fit, job.pose(to), move)
         last = _held_goal(goal.part, job.pose(to) @ fit.insertion.before(), fit.mover)
+        ways = along_and_back(fit, job.pose(to), graph.reacher.hand_ways(last.node, arm, move))
         job.tell(f"{goal.part} to {to} where it stands")
         try:
             onward = job.graph(goal.part, [last.node], graph.reacher)
-            _insert(job, fit, _bring(job, onward, [last], [replace(ways, above=ways.at)]).grasp)
+            _insert(job, fit, _bring(job, onward, [last], [replace(ways, above=ways.at, before=ways.at)]).grasp)
         except (NoRegraspError, StepError) as error:
             job.back_to(mark)
             failures.append(f"{to} stays on {job.rests_on(to)}, {arm} arm brings {goal.part}: {error}")

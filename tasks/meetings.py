@@ -19,6 +19,7 @@ _SPREAD = 48  # grasps a side that are tried at an assembly pose
 _TOGETHER = 12  # pairs of grasps whose whole robot is checked at an assembly pose
 _EACH = 2  # of them for each grasp of the part that is joined to
 _LOOKS = 5  # configurations of the straight way that are checked before it is planned
+_LOOKS_BACK = 3  # and of the hand's way back
 _SAME = 1e-4  # m and rad
 
 
@@ -65,27 +66,34 @@ def meetings(
     clear = np.zeros((len(hold), len(move)), dtype=bool)
     clear[np.ix_(hold, move)] = fit.pairs(np.flatnonzero(hold), np.flatnonzero(move))
     for world_from_to in poses:
-        moved = moving_ways(graphs[fit.part], fit, world_from_to, move)
+        before = Node(f"{fit.part} at a meeting", world_from_to @ fit.insertion.before(), None, to_leave=False)
+        moved = graphs[fit.part].reacher.hand_ways(before, fit.arm, move)
         if not len(moved.grasp):
             continue
         held = _holding_ways(graphs[fit.to], fit, world_from_to, hold)
+        used = clear[np.ix_(held.grasp, moved.grasp)].any(axis=0)
+        moved = along_and_back(fit, world_from_to, moved.take(used))
         rows = np.argwhere(clear[np.ix_(held.grasp, moved.grasp)])
         pairs = _together(scene, graphs[fit.to].reacher.state, fit, held, moved, rows)
         if len(pairs):
-            yield Meeting(world_from_to, fit, held, replace(moved, above=moved.at), pairs)
+            yield Meeting(world_from_to, fit, held, replace(moved, above=moved.at, before=moved.at), pairs)
 
 
-def moving_ways(graph: RegraspGraph, fit: Fit, world_from_to: Array, move: Mask) -> Reach:
-    """The ways of the moving arm, ``above`` being at the end of the straight way, from which the hand can draw back."""
-    node = Node(f"{fit.part} at a meeting", world_from_to @ fit.insertion.before(), None, to_leave=False)
-    ways = graph.reacher.hand_ways(node, fit.arm, move)
-    arm, flanges = fit.mover.arm, node.world_from_part @ fit.mover.part_from_flange[ways.grasp]
+def along_and_back(fit: Fit, world_from_to: Array, ways: Reach) -> Reach:
+    """Those of the moving arm's ``ways`` that lead on along the straight way, and from there the hand back.
+
+    Their ``above`` is then at the end of the straight way, ``before`` where the hand has drawn back to.
+    """
+    if not len(ways.grasp):
+        return ways
+    world_from_part = world_from_to @ fit.insertion.before()
+    arm, flanges = fit.mover.arm, world_from_part @ fit.mover.part_from_flange[ways.grasp]
     way = np.tile(world_from_to[:3, :3] @ fit.insertion.way, (len(flanges), 1))
     ends, followed = followed_line(arm, ways.at, flanges, way)
     flanges[:, :3, 3] += way
-    back = -APPROACH * (node.world_from_part @ fit.mover.grasps.part_from_hand[ways.grasp])[:, :3, 2]
-    _, left = followed_line(arm, ends, flanges, back)
-    return replace(ways, above=ends).take(followed & left)
+    back = -APPROACH * (world_from_part @ fit.mover.grasps.part_from_hand[ways.grasp])[:, :3, 2]
+    drawn_back, left = followed_line(arm, ends, flanges, back)
+    return replace(ways, above=ends, before=drawn_back).take(followed & left)
 
 
 def mated(insertion: Insertion, part: str, to: str) -> Contact:
@@ -135,8 +143,10 @@ def _together(scene: Scene, state: SceneState, fit: Fit, held: Reach, moved: Rea
             break
         if (held.grasp[i[good]] == hold).sum() < _EACH:
             looked += 1
-            both = _both_held(state, fit, hold, move)
-            if _free_along(scene, both, fit, held.at[i[row]], moved.at[j[row]], moved.above[j[row]]):
+            q = state.q.copy()
+            q[fit.holder.arm.indices] = held.at[i[row]]
+            way = moved.take(j[row : row + 1])
+            if _free_along(scene, _both_held(state.with_q(q), fit, hold, move), fit, way, move):
                 good.append(int(row))
     return rows[good]
 
@@ -154,12 +164,17 @@ def _both_held(state: SceneState, fit: Fit, hold: int, move: int) -> SceneState:
     return SceneState(state.q, openings, poses, attached, tuple(contacts))
 
 
-def _free_along(scene: Scene, state: SceneState, fit: Fit, hold: Array, start: Array, end: Array) -> bool:
-    """Whether all is free here and there along the straight way, the end first."""
-    checker, q = scene.checker(state, {fit.arm, fit.to_arm}), np.array(state.q)
-    q[fit.holder.arm.indices] = hold
-    for joints in np.linspace(end, start, _LOOKS):
-        q[fit.mover.arm.indices] = joints
-        if not checker.free(q):
-            return False
+def _free_along(scene: Scene, state: SceneState, fit: Fit, way: Reach, grasp: int) -> bool:
+    """Whether all is free here and there along the straight way, the end first, and while the open hand draws back."""
+    joined = replace(state.attached[fit.part], carrier=fit.to, carrier_from_body=fit.insertion.at)
+    leaving = replace(state, attached={**state.attached, fit.part: joined})
+    leaving = leaving.with_opening(fit.arm, fit.mover.grasps.approach_opening[grasp])
+    coming = np.linspace(way.above[0], way.at[0], _LOOKS)
+    drawing_back = np.linspace(way.above[0], way.before[0], _LOOKS_BACK)
+    for looked, places in ((state, coming), (leaving, drawing_back)):
+        checker, q = scene.checker(looked, {fit.arm, fit.to_arm}), state.q.copy()
+        for joints in places:
+            q[fit.mover.arm.indices] = joints
+            if not checker.free(q):
+                return False
     return True
