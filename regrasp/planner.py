@@ -119,6 +119,7 @@ def bring(
             break
         routes = graph.routes_with(left, regrasps)
         while some := list(itertools.islice(routes, _ROUTES_AT_ONCE)):
+            motions.watch()
             chosen = [(route, *choose(graph, route)) for route in some]
             for route, links, travel in sorted(chosen, key=lambda entry: entry[2]):
                 if np.isfinite(travel) and (done := _follow_some(graph, route, links, motions, failures)):

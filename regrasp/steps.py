@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -88,10 +88,13 @@ class Motions:
         state: Where everything is.
         speed: Share of the velocity limits to use.
         seed: Seed of the searches for free motions.
+        watch: Called before each motion is planned; what it raises ends the planning.
     """
 
-    def __init__(self, scene: Scene, state: SceneState, speed: float, seed: int) -> None:
-        self.scene, self.state, self.speed, self._seed = scene, state, speed, seed
+    def __init__(
+        self, scene: Scene, state: SceneState, speed: float, seed: int, watch: Callable[[], None] = lambda: None
+    ) -> None:
+        self.scene, self.state, self.speed, self._seed, self.watch = scene, state, speed, seed, watch
         self.steps: list[Step] = []
 
     def mark(self) -> tuple[int, SceneState]:
@@ -224,6 +227,7 @@ class Motions:
         still[robot.indices(moving)] = False
         goal[still] = self.state.q[still]
         self._seed += 1
+        self.watch()
         try:
             path = plan_motion(self.scene, self.state, goal, moving, seed=self._seed)
             trajectory = time_motion(self.scene, self.state, path, moving, speed=self.speed)
@@ -248,6 +252,7 @@ class Motions:
         Raises:
             StepError: The motion was not found.
         """
+        self.watch()
         try:
             path = plan_linear(self.scene, self.state, arm, world_from_hand, tolerance=tolerance)
             trajectory = time_motion(

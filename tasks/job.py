@@ -79,11 +79,12 @@ class Job:
 
     def __init__(self, cell: Cell, seed: int, time_limit: float, progress: Progress) -> None:
         self.cell, self.seed = cell, seed
-        self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed)
+        self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed, self._check_time)
         self.goals: list[int | None] = []
         self._used: dict[str, GraspSet] = {}
         self._grasps: dict[tuple[str, str], GraspSet] = {}
         self._wholes: dict[tuple[object, ...], Whole] = {}
+        self._doing = "the start"
         self._end, self._limit, self._progress = perf_counter() + time_limit, time_limit, progress
 
     def tell(self, doing: str) -> None:
@@ -92,9 +93,13 @@ class Job:
         Raises:
             TimeLimitError: The time is over.
         """
-        if perf_counter() > self._end:
-            raise TimeLimitError(self._limit, doing)
+        self._doing = doing
+        self._check_time()
         self._progress(doing)
+
+    def _check_time(self) -> None:
+        if perf_counter() > self._end:
+            raise TimeLimitError(self._limit, self._doing)
 
     # Parts ------------------------------------------------------------------------------------------------------------
 
