@@ -22,6 +22,7 @@ from .reach import Node, Reach, Reacher, Rows
 
 MOST_REGRASPS = 3
 _AT_ONCE, _ENOUGH = 10, 20  # givers looked at together at a handover, and takers that suffice on the last link
+_MOST_AT_HANDOVER = 200  # grasps of an arm that are looked at for one handover
 _MOST_LINKS = 20_000  # links between nodes that are looked at for each number of regrasps
 _MOST_TESTS = 100_000  # tests of a grasp at a node, likewise
 
@@ -207,6 +208,8 @@ class RegraspGraph:
             return mask
         shared = mask
         for node in (source, target):
+            if node.to_leave and node.support is None and node is not self.start:
+                shared = _few(shared)
             if shared.any():
                 shared = shared & self.ways(node, arm, shared).mask(len(mask))
         shared = self.unstruck(source, target, arm, shared)
@@ -225,7 +228,7 @@ class RegraspGraph:
             return self.reacher.reach(node, taker, wanted).mask(len(wanted))
         if taker == arm:
             return np.zeros(len(wanted), dtype=bool)
-        can = self.reacher.reach(node, taker, wanted).mask(len(wanted))
+        can = self.reacher.reach(node, taker, _few(wanted)).mask(len(wanted))
         given, taken = self.spread(arm, shared), self.spread(taker, can)
         both = np.zeros(len(wanted), dtype=bool)
         for some in np.array_split(given, max(len(given) // _AT_ONCE, 1)):
@@ -254,6 +257,16 @@ class RegraspGraph:
             if arm in goal.allowed:
                 mask |= goal.allowed[arm]
         return mask
+
+
+def _few(mask: Mask) -> Mask:
+    """At most two hundred grasps of ``mask`` (n,), of all qualities alike: those that are looked at for a handover."""
+    (indices,) = np.nonzero(mask)
+    if len(indices) <= _MOST_AT_HANDOVER:
+        return mask
+    few = np.zeros_like(mask)
+    few[indices[np.linspace(0, len(indices) - 1, _MOST_AT_HANDOVER).astype(int)]] = True
+    return few
 
 
 def _along(route: Route, node: Node, arm: str, shared: Mask) -> Route:
