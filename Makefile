@@ -7,7 +7,8 @@ BIN := $(VENV)/bin
 .PHONY: demo test slow bench lint clean
 
 demo: $(VENV)/ready
-	$(BIN)/python examples/01_first_motion.py
+	mkdir -p out
+	$(BIN)/kumitate plan examples/wheel_support/task.yaml --output out/plan.json --replay out/replay.html
 
 test: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2

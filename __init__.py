@@ -17,8 +17,12 @@ if TYPE_CHECKING:
     from .grasping.part import Part as Part
     from .grasping.planner import plan_grasps as plan_grasps
     from .grasping.store import cached_grasps as cached_grasps
+    from .regrasp.graph import Held as Held
     from .regrasp.placements import Placements as Placements
     from .regrasp.placements import find_placements as find_placements
+    from .regrasp.planner import Regrasp as Regrasp
+    from .regrasp.planner import plan_regrasp as plan_regrasp
+    from .regrasp.reach import Node as Node
     from .regrasp.supports import Spots as Spots
     from .regrasp.supports import Support as Support
     from .regrasp.supports import find_spots as find_spots
@@ -38,6 +42,25 @@ if TYPE_CHECKING:
     from .robots.straight import plan_linear as plan_linear
     from .robots.timing import time_motion as time_motion
     from .robots.trajectory import Trajectory as Trajectory
+    from .tasks.document import Plan as Plan
+    from .tasks.planner import plan as plan
+    from .tasks.replay import write_replay as write_replay
+    from .tasks.task import At as At
+    from .tasks.task import Attach as Attach
+    from .tasks.task import Goal as Goal
+    from .tasks.task import Grasping as Grasping
+    from .tasks.task import HandOver as HandOver
+    from .tasks.task import Insert as Insert
+    from .tasks.task import Mounted as Mounted
+    from .tasks.task import Obstacle as Obstacle
+    from .tasks.task import OwnRobot as OwnRobot
+    from .tasks.task import PartEntry as PartEntry
+    from .tasks.task import Place as Place
+    from .tasks.task import Task as Task
+    from .tasks.task_file import read_task as read_task
+    from .tasks.verify import Fault as Fault
+    from .tasks.verify import Verification as Verification
+    from .tasks.verify import verify as verify
     from .transforms import pose as pose
 
 _HOMES = {
@@ -47,7 +70,10 @@ _HOMES = {
     "grasping.part": ("Part",),
     "grasping.planner": ("plan_grasps",),
     "grasping.store": ("cached_grasps",),
+    "regrasp.graph": ("Held",),
     "regrasp.placements": ("Placements", "find_placements"),
+    "regrasp.planner": ("Regrasp", "plan_regrasp"),
+    "regrasp.reach": ("Node",),
     "regrasp.supports": ("Spots", "Support", "find_spots"),
     "robots.grip": ("plan_grip",),
     "robots.hand": ("Hand",),
@@ -59,6 +85,25 @@ _HOMES = {
     "robots.straight": ("INSERTION", "LineTolerance", "plan_linear"),
     "robots.timing": ("time_motion",),
     "robots.trajectory": ("Trajectory",),
+    "tasks.document": ("Plan",),
+    "tasks.planner": ("plan",),
+    "tasks.replay": ("write_replay",),
+    "tasks.task": (
+        "At",
+        "Attach",
+        "Goal",
+        "Grasping",
+        "HandOver",
+        "Insert",
+        "Mounted",
+        "Obstacle",
+        "OwnRobot",
+        "PartEntry",
+        "Place",
+        "Task",
+    ),
+    "tasks.task_file": ("read_task",),
+    "tasks.verify": ("Fault", "Verification", "verify"),
     "transforms": ("pose",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -70,12 +70,12 @@ class HandoverPairs:
 
     def clear(self, given: npt.NDArray[np.intp], taken: npt.NDArray[np.intp]) -> Mask:
         """Which of the grasps ``given`` (g,) and ``taken`` (t,) go together (g, t)."""
-        block = np.ix_(given, taken)
-        unknown = np.argwhere(self._known[block] < 0)
+        rows, columns = np.unique(given), np.unique(taken)
+        unknown = np.argwhere(self._known[np.ix_(rows, columns)] < 0)
         if len(unknown):
-            pairs = np.column_stack([given[unknown[:, 0]], taken[unknown[:, 1]]])
+            pairs = np.column_stack([rows[unknown[:, 0]], columns[unknown[:, 1]]])
             self._known[pairs[:, 0], pairs[:, 1]] = self._look(pairs)
-        return np.asarray(self._known[block] == 1)
+        return np.asarray(self._known[np.ix_(given, taken)] == 1)
 
     def _look(self, pairs: npt.NDArray[np.intp]) -> Mask:
         """Whether ``pairs`` (k, 2) are clear: the taker comes open to the giver, who then leaves open."""

@@ -24,7 +24,7 @@ from .supports import Support
 
 _log = logging.getLogger(__name__)
 
-_ROUTES_AT_ONCE = 4  # routes with as many regrasps that are compared by their joint travel
+_ROUTES_AT_ONCE = 2  # routes with as many regrasps that are compared by their joint travel
 _MOST_FAILURES = 24  # motions that may fail before the search ends
 _TRIES = 4  # concrete grasps tried along a route
 _AT_TARGET = ("transfer", "lower", "open", "retreat")  # motions that fail for what is at the end of a link

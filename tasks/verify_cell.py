@@ -19,7 +19,7 @@ import trimesh
 from ..errors import InputError
 from ..transforms import Array, pose
 from .document import Plan
-from .task import Task
+from .task import Attach, HandOver, Place, Task
 from .verify_arms import Machine, adjacent, read_machine, rigid_pairs
 from .verify_faults import Findings
 from .verify_solids import Solids
@@ -246,22 +246,23 @@ def read_task(builtins: Mapping[str, Any]) -> Task:
         task = msgspec.convert(builtins, Task, dec_hook=lambda kind, value: kind(value))
     except (msgspec.ValidationError, ValueError, TypeError) as error:
         raise InputError("plan: task", f"no task ({error})", cure) from error
-    arms, parts = list[str | None](), list[str]()
+    arms, parts = set[str | None](), set[str]()
     for goal in task.goals:
-        if goal.attach is not None:
-            parts += [goal.attach.part, goal.attach.to]
-            arms += [goal.attach.arm, goal.attach.to_arm]
-        elif goal.place is not None:
-            parts, arms = [*parts, goal.place.part], [*arms, goal.place.arm]
-        elif goal.hand_over is not None:
-            parts, arms = [*parts, goal.hand_over.part], [*arms, goal.hand_over.to]
-    asked = [entry for goal in task.goals for entry in (goal.attach, goal.place, goal.hand_over) if entry is not None]
-    inserts = [goal.attach.insert for goal in task.goals if goal.attach is not None]
-    if len(asked) != len(task.goals) or not all(any(i.direction) and i.distance > 0.0 for i in inserts):
-        raise InputError("plan: task", "a goal is not one of attach, place, hand_over, or has no way to insert", cure)
+        match goal.attach, goal.place, goal.hand_over:
+            case Attach() as attach, None, None:
+                parts |= {attach.part, attach.to}
+                arms |= {attach.arm, attach.to_arm}
+                if not any(attach.insert.direction) or attach.insert.distance <= 0.0:
+                    raise InputError("plan: task", f"{attach.part} has no way to be inserted", cure)
+            case None, Place() as place, None:
+                parts, arms = parts | {place.part}, arms | {place.arm}
+            case None, None, HandOver() as hand_over:
+                parts, arms = parts | {hand_over.part}, arms | {hand_over.to}
+            case _:
+                raise InputError("plan: task", "a goal is not one of attach, place, hand_over", cure)
     if not 0.0 < task.speed <= 1.0:
-        raise InputError("plan: task", f"the speed is {task.speed}, not a share of the limits", cure)
-    odd = (set(parts) - set(task.parts)) | ({arm for arm in arms if arm is not None} - set(task.hands))
+        raise InputError("plan: task", f"the speed is {task.speed}, no share of the limits", cure)
+    odd = (parts - set(task.parts)) | ({arm for arm in arms if arm is not None} - set(task.hands))
     names = [*task.parts, *(entry.name for entry in task.cell), *task.hands]
     if odd or len(set(names)) < len(names):
         raise InputError("plan: task", f"a name is unknown or taken: {sorted(odd) or names}", cure)

@@ -15,6 +15,7 @@ from .verify_faults import Findings
 
 SAME = 1e-6  # m, rad
 _STILL = 1e-9  # m, rad, and m/s, rad/s
+_INSTANT = 1e-9  # s
 _ROUNDING = 1.0 + 1e-6
 
 
@@ -76,6 +77,12 @@ class Curve:
             into = np.stack([(-first - root) / jerk, (-first + root) / jerk, -self.rates[:-1] / first])
         stops: Array = self.times[:-1, None] + np.clip(np.where(np.isfinite(into), into, 0.0), 0.0, span)
         return stops
+
+    @property
+    def turns(self) -> Array:
+        """Times (m,) within segments at which some column turns back."""
+        after, before = self.times[:-1, None] + _INSTANT, self.times[1:, None] - _INSTANT
+        return np.unique(self.stops[(self.stops > after) & (self.stops < before)])
 
     def peaks(self) -> tuple[tuple[Array, Array], ...]:
         """Extremes of the curve, exact: lowest, highest, fastest, hardest; each as values (n,) and times (n,)."""

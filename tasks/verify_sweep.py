@@ -8,6 +8,7 @@ planner may leave unchecked: where bodies are nearer than that, every sample is 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,7 +27,8 @@ FREE_STEP = 1e-3  # m
 STRAIGHT_STEP = 0.2e-3  # m
 _FREE = ("transit", "transfer")
 _COARSE = 8  # pieces of a segment from which its steps are found
-_MOST_PIECES = 20_000  # of one of these; a machine that goes farther in it has left all limits
+_BLOCK = 4096  # samples that are looked at together
+_ASTRAY = 2.0 * np.pi  # rad or m
 _SPARE = 1.05  # because the pieces of a piece are not all alike
 _CURVING = 2e-5  # m by which two bodies may come nearer to each other between two samples than their chords tell
 _WORTH_MEASURING = 0.02  # m; over longer ways a distance proves little, and costs most
@@ -56,20 +58,25 @@ class Sweeper:
     _resting: dict[tuple[int, int, bytes], bool] = field(default_factory=dict)
 
     def look(self, stretch: Stretch, curve: Curve) -> None:
-        """Look for bodies that touch in a stretch."""
-        times, values, poses = self._sampled(stretch, curve)
-        self.samples += len(times)
-        contacts = Contacts(self.plan, self.cell, stretch, values, poses)
+        """Look for bodies that touch in a stretch; not where joints or hands go astray, far out of their ranges."""
+        (lowest, _), (highest, _), *_ = curve.peaks()
+        if np.maximum(self.cell.limits[0] - lowest, highest - self.cell.limits[1]).max() > _ASTRAY:
+            return
+        ends = self.cell.poses(curve.at(np.array([stretch.start, stretch.end])), stretch.poses)
         groups = self.cell.groups(curve.moving(stretch.start, stretch.end), stretch.carriers)
-        pairs = self.cell.pairs
-        apart = groups[pairs[:, 0]] != groups[pairs[:, 1]]
-        boxes = _Boxes.around(self.cell, poses)
-        touching = self._at_rest(pairs[~apart], boxes, poses, contacts)
-        touching |= self._moving(pairs[apart], boxes, poses, contacts)
-        for name in ("collision", "contact"):
-            found = {pair: k for pair, (kind, k) in touching.items() if kind == name}
-            if found:
-                self._report(name, found, contacts, stretch, times)
+        apart = groups[self.cell.pairs[:, 0]] != groups[self.cell.pairs[:, 1]]
+        for times in self._sampled(stretch, curve):
+            self.samples += len(times)
+            values = curve.at(times)
+            poses = self.cell.poses(values, stretch.poses)
+            contacts = Contacts(self.plan, self.cell, stretch, values, poses, ends)
+            boxes = _Boxes.around(self.cell, poses)
+            touching = self._at_rest(self.cell.pairs[~apart], boxes, poses, contacts)
+            touching |= self._moving(self.cell.pairs[apart], boxes, poses, contacts)
+            for name in ("collision", "contact"):
+                found = {pair: k for pair, (kind, k) in touching.items() if kind == name}
+                if found:
+                    self._report(name, found, contacts, stretch, times)
 
     def look_inside(self, stretch: Stretch, curve: Curve) -> None:
         """Look for bodies that lie in each other at the very beginning, without their surfaces meeting."""
@@ -85,18 +92,18 @@ class Sweeper:
                     names = self.cell.bodies[i].name, self.cell.bodies[j].name
                     self.findings.add("collision", f"{names[0]} starts in {names[1]}", action=0, time=0.0, bodies=names)
 
-    def _sampled(self, stretch: Stretch, curve: Curve) -> tuple[Array, Array, Array]:
-        """Times (n,), rows of the curve (n, columns) and poses (n, bodies, 4, 4), as close as the steps ask for."""
+    def _sampled(self, stretch: Stretch, curve: Curve) -> Iterator[Array]:
+        """Times (n,) of a stretch, block by block, as close as the steps ask for; blocks share their ends."""
         # Between two samples no joint turns back, or it could go farther than the samples tell.
-        knots = np.concatenate([curve.times, curve.stops.ravel()])
+        knots = np.concatenate([curve.times, curve.turns])
         knots = knots[(knots > stretch.start) & (knots < stretch.end)]
-        times = np.unique(np.concatenate([[stretch.start], knots, [stretch.end]]))
+        knots = np.unique(np.concatenate([[stretch.start], knots, [stretch.end]]))
         step = FREE_STEP if self.plan.actions[stretch.action].kind in _FREE else STRAIGHT_STEP
-        times = _refined(times, np.full(len(times) - 1, _COARSE))
-        travelled = _travelled(self.cell, self.cell.poses(curve.at(times), stretch.poses)).max(axis=1)
-        times = _refined(times, np.clip(np.ceil(_SPARE * travelled / step), 1, _MOST_PIECES).astype(np.intp))
-        values = curve.at(times)
-        return times, values, self.cell.poses(values, stretch.poses)
+        for some in _blocks(knots, _BLOCK // _COARSE):
+            times = _refined(some, np.full(len(some) - 1, _COARSE))
+            travelled = _travelled(self.cell, self.cell.poses(curve.at(times), stretch.poses)).max(axis=1)
+            counts = np.maximum(np.ceil(_SPARE * travelled / step), 1.0).astype(np.intp)
+            yield from _blocks(_refined(times, counts), _BLOCK)
 
     def _at_rest(
         self, pairs: Indices, boxes: _Boxes, poses: Array, contacts: Contacts
@@ -136,7 +143,7 @@ class Sweeper:
                 (i, j), at = pairs[number[k]].tolist(), int(middle[k])
                 distance = self.cell.solids.distance(i, poses[at, i], j, poses[at, j])
                 proved[k] = distance >= reach[k] + _CURVING
-                if distance < self.clearance and not any(contacts.may_touch(i, j, k) for k in (at, 0, last)):
+                if distance < self.clearance and not (contacts.meet(i, j) or contacts.may_touch(i, j, at)):
                     self.clearance, self.nearest = distance, (self.cell.bodies[i].name, self.cell.bodies[j].name)
                 if distance <= 0.0 and at < earliest[number[k]] and (kind := _judged(contacts, i, j, at)):
                     earliest[number[k]], found[i, j] = at, (kind, at)
@@ -216,6 +223,12 @@ def _travelled(cell: Cell, poses: Array) -> Array:
     turn = np.linalg.norm(np.diff(poses[..., :3, :3], axis=0), axis=(-2, -1)) / np.sqrt(2.0)  # a chord's length
     travelled: Array = shift + turn * np.linalg.norm(cell.solids.halves, axis=1)
     return travelled
+
+
+def _blocks(times: Array, size: int) -> Iterator[Array]:
+    """``times`` in blocks of at most ``size`` intervals."""
+    for start in range(0, max(len(times) - 1, 1), size):
+        yield times[start : start + size + 1]
 
 
 def _refined(times: Array, counts: Indices) -> Array:

@@ -95,11 +95,21 @@ def sample_plan() -> Plan:
 
 
 @cache
-def short_plan() -> Plan:
-    """A valid plan of ten actions: the left hand puts the block elsewhere, turned by a quarter, and goes home."""
-    goal = {"part": "block", "at": {"xyz": [0.35, 0.35, 0.01], "rpy": [0.0, 0.0, np.pi / 2]}}
-    task = {**TASK, "parts": {"block": TASK["parts"]["block"]}, "goals": [{"place": goal}]}
-    job = Job(task, {"block": MESHES["block"]()})
+def short_plan(
+    hand: str = "robotiq_2f85", size: tuple[float, float, float] = (0.03, 0.03, 0.12), height: float = 0.04
+) -> Plan:
+    """A valid plan of nine actions: the left hand puts a block elsewhere, turned by a quarter, and goes home.
+
+    Args:
+        hand: The left hand.
+        size: Sides of the block [m].
+        height: It takes the block as near as it can to this height above the middle [m].
+    """
+    z = -0.05 + size[2] / 2.0
+    goal = {"part": "block", "at": {"xyz": [0.35, 0.35, z], "rpy": [0.0, 0.0, np.pi / 2]}}
+    parts = {"block": {**TASK["parts"]["block"], "at": {"xyz": [0.35, 0.2, z]}}}
+    task = {**TASK, "hands": {**TASK["hands"], "left": hand}, "parts": parts, "goals": [{"place": goal}]}
+    job = Job(task, {"block": trimesh.creation.box(size)})
     job.goal = 0
     place = pose(**goal["at"])
 
@@ -110,7 +120,7 @@ def short_plan() -> Plan:
         job.lower("left", "block", place, grasp)
         job.release("left", "block", grasp)
 
-    job.tried(zip(job.grasps("block", np.array([0.0, 0.0, -1.0]), 0.04)[:6]), work)
+    job.tried(zip(job.grasps("block", np.array([0.0, 0.0, -1.0]), height)[:6]), work)
     job.goal = None
     job.go_home("left")
     return job.plan()
@@ -187,15 +197,11 @@ class Job:
         )
         self._moved(arm, part, motion, kind, words, grasp, events)
 
-    def grip(self, arm: str, opening: float, grasp: GraspUse, part: str, words: str) -> None:
-        """Close on ``part`` and take it, or let it go and open."""
-        closes = opening < self.state.openings[arm]
-        start = self._state()
-        if closes:
-            self.grips[arm] = (part, grasp)
-        before = self.state.openings[arm]
+    def grip(self, arm: str, opening: float, grasp: GraspUse, part: str, words: str, closes: bool) -> None:
+        """Close on ``part`` and take it, or let it go and open; a cup does so in no time."""
+        start, before, hand = self._state(), self.state.openings[arm], self.robot.hands[arm]
         plan_grip(self.scene, self._touching(), arm, opening)
-        duration = 1.5 * abs(opening - before) / (2.0 * self.robot.hands[arm].speed * self.task["speed"])
+        duration = 1.5 * abs(opening - before) / (2.0 * hand.speed * self.task["speed"]) if hand.speed else 0.0
         self.state = self.state.with_opening(arm, opening)
         if closes:
             self.state = self.scene.attach(self.state, part, arm)
@@ -204,9 +210,12 @@ class Job:
             self.standing.add(part)
         event = Event(duration if closes else 0.0, "attach" if closes else "detach", part, arm)
         openings = {a: (start.openings[a],) * 2 for a in start.openings} | {arm: (before, opening)}
-        still = (start.q,) * 2
         none = (0.0,) * len(start.q)
-        motion = Motion((0.0, duration), still, (none, none), openings, dict.fromkeys(openings, (0.0, 0.0)))
+        motion = Motion((0.0, duration), (start.q,) * 2, (none,) * 2, openings, dict.fromkeys(openings, (0.0, 0.0)))
+        if not duration:
+            motion = Motion(
+                (0.0,), (start.q,), (none,), {a: o[:1] for a, o in openings.items()}, dict.fromkeys(openings, (0.0,))
+            )
         self._add("close" if closes else "open", arm, words, part, start, motion, (event,), grasp)
 
     # Sequences --------------------------------------------------------------------------------------------------------
@@ -215,8 +224,9 @@ class Job:
         """Go there with the open hand, approach, close."""
         hand = self.world_from(part) @ grasp.part_from_hand
         self.free(arm, part, hand @ BACK, grasp, "transit", f"{arm} hand to the {part}")
+        self.grips[arm] = (part, grasp)
         self.line(arm, part, hand, grasp, "approach", f"{arm} hand approaches the {part}")
-        self.grip(arm, grasp.opening, grasp, part, f"{arm} hand takes the {part}")
+        self.grip(arm, grasp.opening, grasp, part, f"{arm} hand takes the {part}", closes=True)
 
     def lift(self, arm: str, part: str, grasp: GraspUse) -> None:
         """Straight up from the table."""
@@ -234,7 +244,7 @@ class Job:
 
     def release(self, arm: str, part: str, grasp: GraspUse) -> None:
         """Open and go back."""
-        self.grip(arm, grasp.approach_opening, grasp, part, f"{arm} hand lets the {part} go")
+        self.grip(arm, grasp.approach_opening, grasp, part, f"{arm} hand lets the {part} go", closes=False)
         hand = self.world_from(part) @ grasp.part_from_hand
         self.line(arm, part, hand @ BACK, grasp, "retreat", f"{arm} hand retreats from the {part}")
         del self.grips[arm]
@@ -285,8 +295,10 @@ class Job:
         """The state with what may touch in it: standing parts and the table, pads and what they hold."""
         contacts = [Contact("table", part, np.array([0.0, 0.0, 1.0])) for part in sorted(self.standing)]
         for arm, (part, grasp) in self.grips.items():
-            closing = np.array(grasp.part_from_hand)[:3, 0]
+            closing, _, approach = np.array(grasp.part_from_hand)[:3, :3].T
             hand = self.robot.hands[arm]
+            if not hand.pads:
+                contacts.append(Contact(part, f"{arm}/{hand.pieces[0].name}", -approach))
             for i, pad in enumerate(hand.pads):
                 piece = next(piece for piece in hand.pieces if piece.joint == pad.joint)
                 contacts.append(Contact(part, f"{arm}/{piece.name}", -closing if i == 0 else closing))

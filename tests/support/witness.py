@@ -16,7 +16,7 @@ from reference import Reference
 from kumitate.regrasp.steps import Step
 from kumitate.robots.scene import Scene
 from kumitate.robots.state import Contact, SceneState
-from kumitate.transforms import Array, pose_distance, transform_points
+from kumitate.transforms import Array, invert, pose_distance, transform_points
 
 FREE_STEP, LINE_STEP = 1e-3, 0.2e-3  # m between two looks: a fifth of the planner's
 STRAIGHT = {"approach", "retreat", "lift", "lower", "insert"}
@@ -56,24 +56,39 @@ class Witness(Reference):
         allowed = {frozenset((contact.first, contact.second)): contact for contact in contacts}
         found: set[tuple[str, str]] = set()
         for k in np.flatnonzero(near.any(axis=0)):
-            pair = (self.names[first[k]], self.names[second[k]])
-            contact = allowed.get(frozenset(pair))
-            for row in np.flatnonzero(near[:, k]):
-                if self._cross(*pair, poses[row]) and (contact is None or self._sunk(contact, poses[row])):
-                    found.add(pair)
-                    break
+            i, j = self.pairs[k]
+            contact = allowed.get(frozenset((self.names[i], self.names[j])))
+            between = invert(poses[near[:, k], i]) @ poses[near[:, k], j]
+            moved = np.abs(np.diff(between, axis=0)).max(axis=(1, 2), initial=0.0) > _SAME
+            between = between[np.append(True, moved)]  # one look is enough at what does not move
+            if any(self._deep(i, j, pose, contact) for pose in between[self._boxes_meet(i, j, between)]):
+                found.add((self.names[i], self.names[j]))
         return found
 
-    def _cross(self, a: str, b: str, poses: Array) -> bool:
-        objects = (self._placed(self.names.index(name), poses) for name in (a, b))
-        return bool(fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult()))
+    def _boxes_meet(self, i: int, j: int, between: Array) -> Array:
+        """Whether (n,) boxes around two bodies meet, told along the axes of either; ``between`` are poses (n, 4, 4)."""
+        meet = np.ones(len(between), dtype=bool)
+        for mine, theirs, at in ((i, j, between), (j, i, invert(between))):
+            points, own = transform_points(at, self._corners[theirs]), self._corners[mine]
+            meet &= (points.min(axis=1) <= own.max(axis=0)).all(axis=1)
+            meet &= (points.max(axis=1) >= own.min(axis=0)).all(axis=1)
+        return meet
 
-    def _sunk(self, contact: Contact, poses: Array) -> bool:
-        """Whether two bodies in contact still cross once the second has moved off by the tolerance."""
-        i, j = self.names.index(contact.first), self.names.index(contact.second)
-        moved = poses.copy()
-        moved[j, :3, 3] += self.scene.contact_tolerance * poses[i, :3, :3] @ contact.normal
-        return self._cross(contact.first, contact.second, moved)
+    def _deep(self, i: int, j: int, between: Array, contact: Contact | None) -> bool:
+        """Whether two surfaces cross, in contact even once the second has moved off by the tolerance."""
+        if not self._cross(i, j, between):
+            return False
+        if contact is None:
+            return True
+        moved, way = between.copy(), self.scene.contact_tolerance * contact.normal
+        moved[:3, 3] += way if contact.first == self.names[i] else -between[:3, :3] @ way
+        return self._cross(i, j, moved)
+
+    def _cross(self, i: int, j: int, between: Array) -> bool:
+        objects = self._objects[i], self._objects[j]
+        objects[0].setTransform(fcl.Transform())
+        objects[1].setTransform(fcl.Transform(between[:3, :3], between[:3, 3]))
+        return bool(fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult()))
 
     def _first_piece(self) -> dict[str, int]:
         counts = np.cumsum([0, *(len(pieces) for _, pieces in self.hands.values())])

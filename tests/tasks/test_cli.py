@@ -1,112 +1,125 @@
-"""The command line: what it prints and writes, and one clear line for each wrong input."""
+"""The command line as a whole: its commands, that help is quick, and how it ends."""
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-import trimesh
 
-from kumitate.grasping.grasps import GraspSet
+from kumitate.errors import InputError, NoRegraspError
+from kumitate.tasks import cli, schema_command
 from kumitate.tasks.cli import main
 
-STAGES = [
-    "segmentation",
-    "sampling",
-    "refinement 1",
-    "refinement 2",
-    "contact pairs",
-    "stroke collision",
-    "pad standing",
-]
+COMMANDS = ["plan", "verify", "replay", "export", "grasps", "placements", "robots", "schema"]
+HEAVY = ["numpy", "scipy", "trimesh", "pinocchio", "coal", "fcl", "ompl", "toppra", "networkx", "meshcat", "msgspec"]
 
 
-@pytest.fixture
-def block(tmp_path, monkeypatch):
-    monkeypatch.setenv("KUMITATE_CACHE", str(tmp_path / "cache"))
-    path = tmp_path / "block.stl"
-    trimesh.creation.box([40, 30, 20]).export(path)
-    return path
+def answering(monkeypatch, run):
+    """Let ``kumitate schema`` do something else."""
+    monkeypatch.setattr(schema_command, "_schema", run)
 
 
-def test_grasps_prints_the_stages_and_writes_the_set(block, capsys):
-    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--mass", "50g"]) == 0
+def test_help_lists_the_commands(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
     printed = capsys.readouterr().out
-    assert "12 triangles, 50 g" in printed
-    lines = printed.splitlines()
-    for stage in STAGES:
-        assert any(line.startswith(stage) for line in lines)
-    grasps = GraspSet.load(block.with_suffix(".robotiq_2f85.npz"))
-    assert len(grasps) > 100
-    assert f"{len(grasps)} grasps" in lines[-1]
-    assert grasps.hand == "robotiq_2f85"
+    for command in COMMANDS:
+        assert f"\n    {command} " in printed or f"\n    {command}\n" in printed
 
 
-def test_the_density_is_printed_where_no_mass_is_given(block, capsys):
-    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85"]) == 0
-    assert "24 g at 1000 kg/m3" in capsys.readouterr().out
-    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--density", "2 g/cm3"]) == 0
-    assert "48 g at 2000 kg/m3" in capsys.readouterr().out
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help_loads_nothing_heavy(command):
+    arguments = [*([command] if command else []), "--help"]
+    code = (
+        "import sys\n"
+        "from kumitate.tasks.cli import main\n"
+        "try:\n"
+        f"    main({arguments})\n"
+        "finally:\n"
+        f"    sys.stderr.write(repr([name for name in {HEAVY} if name in sys.modules]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "[]"
+    assert done.stdout.startswith("usage: ")
 
 
-def test_parameters_reach_the_planner(block, capsys, tmp_path):
-    common = ["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--output"]
-    assert main([*common, str(tmp_path / "8.npz")]) == 0
-    assert main([*common, str(tmp_path / "16.npz"), "--n-da", "16", "--t-rnn", "4 mm", "--theta-parl", "150 deg"]) == 0
-    eight, sixteen = (GraspSet.load(tmp_path / f"{n}.npz") for n in (8, 16))
-    assert {s.name: s.kept for s in sixteen.record}["refinement 2"] < {s.name: s.kept for s in eight.record}[
-        "refinement 2"
+@pytest.mark.parametrize("arguments", [[], ["dance"], ["schema", "--tango"]])
+def test_an_unknown_command_or_option_is_exit_2(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert "usage: kumitate" in capsys.readouterr().err
+
+
+def test_a_wrong_input_is_one_line_and_exit_2(monkeypatch, capsys):
+    def wrong(options):
+        raise InputError("task.yaml:3: robot", "there is none", "name one")
+
+    answering(monkeypatch, wrong)
+    assert main(["schema"]) == 2
+    assert capsys.readouterr().err == "kumitate: task.yaml:3: robot: there is none; name one\n"
+
+
+def test_no_answer_is_exit_1_with_what_was_tried(monkeypatch, capsys):
+    def tried(options):
+        raise NoRegraspError("wheel", "the table is in the way", ["left arm: 0 of 9", "right arm: 0 of 7"])
+
+    answering(monkeypatch, tried)
+    assert main(["schema"]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.splitlines() == [
+        "kumitate: no way for wheel: the table is in the way",
+        "  left arm: 0 of 9",
+        "  right arm: 0 of 7",
     ]
-    directions = [len(np.unique(np.round(g.part_from_hand[:, :3, 2], 3), axis=0)) for g in (eight, sixteen)]
-    assert directions[1] > directions[0]
+    assert captured.out == ""
 
 
-def test_no_grasp_at_all_is_exit_1(block):
-    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--mass", "20 kg"]) == 1
+def test_an_interrupt_is_exit_130_and_leaves_the_handler_as_it_was(monkeypatch, capsys):
+    def interrupted(options):
+        raise KeyboardInterrupt
+
+    answering(monkeypatch, interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    assert main(["schema"]) == 130
+    assert signal.getsignal(signal.SIGINT) is before
+    assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--unit", "mm", "--hand", "robotiq_2f58"], "robotiq_2f58"),
-        (["--unit", "mm", "--hand", "missing.yaml"], "missing.yaml"),
-        (["--unit", "furlong", "--hand", "robotiq_2f85"], "furlong"),
-        (["--unit", "m", "--hand", "robotiq_2f85"], "mm"),
-        (["--unit", "mm", "--hand", "robotiq_2f85", "--mass", "50 mm"], "--mass"),
-        (["--unit", "mm", "--hand", "robotiq_2f85", "--mass", "-1 g"], "mass"),
-        (["--unit", "mm", "--hand", "robotiq_2f85", "--h-max", "1 kg"], "--h-max"),
-        (["--unit", "mm", "--hand", "robotiq_2f85", "--theta-parl", "20 deg"], "theta_parl"),
-        (["--unit", "mm", "--hand", "robotiq_2f85", "--n-da", "8.5"], "--n-da"),
-        (["--unit", "mm", "--hand", "robotiq_2f85", "--output", "/proc/none/g.npz"], "/proc/none/g.npz"),
-    ],
-)
-def test_a_wrong_input_is_one_line_and_exit_2(block, capsys, arguments, words):
-    assert main(["grasps", str(block), *arguments]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("kumitate: ")
-    assert words in error
-    assert error.count("\n") == 1
+def test_an_interrupt_that_a_library_swallows_ends_it_all_the_same():
+    code = (
+        "import os, signal\n"
+        "from kumitate.tasks import cli, schema_command\n"
+        "def library(options):\n"
+        "    try:\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "    except BaseException:\n"
+        "        pass\n"
+        "    return 0\n"
+        "schema_command._schema = library\n"
+        "raise SystemExit(cli.main(['schema']))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert done.stderr == ""
 
 
-def test_a_mesh_that_is_not_there_is_exit_2(tmp_path, capsys):
-    assert main(["grasps", str(tmp_path / "none.stl"), "--unit", "mm", "--hand", "robotiq_2f85"]) == 2
-    assert "none.stl" in capsys.readouterr().err
+def test_a_reader_that_has_enough_is_no_error():
+    code = "from kumitate.tasks.cli import main; raise SystemExit(main(['schema', 'plan']))"
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([sys.executable, "-c", code], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert done.returncode == 0
+    assert done.stderr == ""
 
 
-def test_it_runs_as_a_command(block):
-    command = [
-        sys.executable,
-        "-m",
-        "kumitate.tasks.cli",
-        "grasps",
-        str(block),
-        "--unit",
-        "mm",
-        "--hand",
-        "suction_cup",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "seal" in done.stdout
+def test_the_package_names_it_as_its_command():
+    from importlib.metadata import entry_points
+
+    (entry,) = [entry for entry in entry_points(group="console_scripts") if entry.name == "kumitate"]
+    assert entry.load() is cli.main

@@ -1,0 +1,111 @@
+"""``kumitate grasps``: what it prints and writes, and one clear line for each wrong input."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from kumitate.grasping.grasps import GraspSet
+from kumitate.tasks.cli import main
+
+STAGES = [
+    "segmentation",
+    "sampling",
+    "refinement 1",
+    "refinement 2",
+    "contact pairs",
+    "stroke collision",
+    "pad standing",
+]
+
+
+@pytest.fixture
+def block(tmp_path):
+    path = tmp_path / "block.stl"
+    trimesh.creation.box([40, 30, 20]).export(path)
+    return path
+
+
+def test_grasps_prints_the_stages_and_writes_the_set(block, capsys):
+    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--mass", "50g"]) == 0
+    printed = capsys.readouterr().out
+    assert "12 triangles, 50 g" in printed
+    lines = printed.splitlines()
+    for stage in STAGES:
+        assert any(line.startswith(stage) for line in lines)
+    grasps = GraspSet.load(block.with_suffix(".robotiq_2f85.npz"))
+    assert len(grasps) > 100
+    assert f"{len(grasps)} grasps" in lines[-1]
+    assert grasps.hand == "robotiq_2f85"
+
+
+def test_the_density_is_printed_where_no_mass_is_given(block, capsys):
+    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85"]) == 0
+    assert "24 g at 1000 kg/m3" in capsys.readouterr().out
+    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--density", "2 g/cm3"]) == 0
+    assert "48 g at 2000 kg/m3" in capsys.readouterr().out
+
+
+def test_parameters_reach_the_planner(block, capsys, tmp_path):
+    common = ["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--output"]
+    assert main([*common, str(tmp_path / "8.npz")]) == 0
+    assert main([*common, str(tmp_path / "16.npz"), "--n-da", "16", "--t-rnn", "4 mm", "--theta-parl", "150 deg"]) == 0
+    eight, sixteen = (GraspSet.load(tmp_path / f"{n}.npz") for n in (8, 16))
+    assert {s.name: s.kept for s in sixteen.record}["refinement 2"] < {s.name: s.kept for s in eight.record}[
+        "refinement 2"
+    ]
+    directions = [len(np.unique(np.round(g.part_from_hand[:, :3, 2], 3), axis=0)) for g in (eight, sixteen)]
+    assert directions[1] > directions[0]
+
+
+def test_no_grasp_at_all_is_exit_1(block):
+    assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--mass", "20 kg"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--unit", "mm", "--hand", "robotiq_2f58"], "robotiq_2f58"),
+        (["--unit", "mm", "--hand", "missing.yaml"], "missing.yaml"),
+        (["--unit", "furlong", "--hand", "robotiq_2f85"], "furlong"),
+        (["--unit", "m", "--hand", "robotiq_2f85"], "mm"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--mass", "50 mm"], "--mass"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--mass", "-1 g"], "mass"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--h-max", "1 kg"], "--h-max"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--theta-parl", "20 deg"], "theta_parl"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--n-da", "8.5"], "--n-da"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--output", "/proc/none/g.npz"], "/proc/none/g.npz"),
+    ],
+)
+def test_a_wrong_input_is_one_line_and_exit_2(block, capsys, arguments, words):
+    assert main(["grasps", str(block), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("kumitate: ")
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_a_mesh_that_is_not_there_is_exit_2(tmp_path, capsys):
+    assert main(["grasps", str(tmp_path / "none.stl"), "--unit", "mm", "--hand", "robotiq_2f85"]) == 2
+    assert "none.stl" in capsys.readouterr().err
+
+
+def test_it_runs_as_a_command(block):
+    command = [
+        sys.executable,
+        "-m",
+        "kumitate.tasks.cli",
+        "grasps",
+        str(block),
+        "--unit",
+        "mm",
+        "--hand",
+        "suction_cup",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "seal" in done.stdout

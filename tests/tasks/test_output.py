@@ -1,0 +1,123 @@
+"""What commands do with their answers: whole files or none, JSON, and progress on a terminal only."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+
+import numpy as np
+import pytest
+
+from kumitate.errors import InputError, PlanningError
+from kumitate.tasks import output
+from kumitate.tasks.output import check_writable, progress_line, say_error, say_json, write_file
+
+
+def test_a_file_is_whole(tmp_path):
+    write_file(tmp_path / "a.txt", lambda path: path.write_text("new"))
+    assert (tmp_path / "a.txt").read_text() == "new"
+    assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
+def test_who_is_stopped_leaves_what_was_there(tmp_path, stop):
+    file = tmp_path / "a.txt"
+    file.write_text("old")
+
+    def half(path):
+        path.write_text("ne")
+        raise stop
+
+    with pytest.raises(stop):
+        write_file(file, half)
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_the_writer_sees_the_kind_of_the_file(tmp_path):
+    seen = []
+    write_file(tmp_path / "grasps.npz", lambda path: seen.append(path.suffix) or np.savez(path, a=1))
+    assert seen == [".npz"]
+    assert (tmp_path / "grasps.npz").is_file()
+
+
+def test_a_link_stays_a_link(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "link.txt").symlink_to(tmp_path / "far" / "real.txt")
+    write_file(tmp_path / "link.txt", lambda path: path.write_text("new"))
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "far" / "real.txt").read_text() == "new"
+
+
+def test_a_device_is_written_to_and_not_replaced(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_file(pipe, lambda path: path.write_text("new"))
+    assert os.read(reading, 10) == b"new"
+    os.close(reading)
+    assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("place", ["none/a.txt", "file/a.txt", "folder"])
+def test_where_nothing_can_be_written_is_told(tmp_path, place):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("")
+    path = tmp_path / place
+    with pytest.raises(InputError, match="cannot be written") as caught:
+        write_file(path, lambda beside: beside.write_text("new"))
+    assert caught.value.place.endswith(place)
+    with pytest.raises(InputError, match="cannot be written"):
+        check_writable(path)
+
+
+def test_what_can_be_written_is_not_touched_by_the_check(tmp_path):
+    check_writable(tmp_path / "a.txt")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_has_null_where_a_number_is_not_finite(capsys):
+    say_json({"clearance": np.inf, "seconds": 1.5})
+    assert json.loads(capsys.readouterr().out) == {"clearance": None, "seconds": 1.5}
+
+
+def test_errors_are_told_to_programs_too(capsys):
+    error = PlanningError("no way")
+    say_error(error, as_json=True)
+    captured = capsys.readouterr()
+    assert captured.err == "kumitate: no way\n"
+    assert json.loads(captured.out) == {"error": {"kind": "PlanningError", "message": "no way", "report": []}}
+
+
+def test_there_is_no_progress_in_a_pipe(capsys):
+    with progress_line() as progress:
+        progress("thinking")
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_redraws_one_line_of_a_terminal_and_clears_it(monkeypatch):
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "w", encoding="utf-8") as terminal:
+        monkeypatch.setattr(output.sys, "stderr", terminal)
+        with progress_line() as progress:
+            progress("thinking")
+            progress("x" * 500)
+        terminal.flush()
+        shown = os.read(master, 10_000).decode()
+    os.close(master)
+    lines = shown.split("\r\x1b[K")
+    assert lines[0] == ""
+    assert lines[1].endswith(" s  thinking")
+    assert len(lines[2]) < 200  # cut to the terminal's width
+    assert lines[-1] == ""
+    assert "\n" not in shown
+
+
+def test_say_prints_lines(monkeypatch):
+    written = io.StringIO()
+    monkeypatch.setattr(output.sys, "stdout", written)
+    output.say("one")
+    output.say("two")
+    assert written.getvalue() == "one\ntwo\n"
