@@ -24,7 +24,7 @@ print(f"at least {found.clearance * 1e3:.2f} mm between what may not touch, chec
 state = plan.actions[-1].end
 world_from_support, world_from_wheel = (np.array(state.poses[part]) for part in ("support", "wheel"))
 support_from_wheel = np.linalg.inv(world_from_support) @ world_from_wheel
-print(f"the wheel on the support: {(1e3 * support_from_wheel[:3, 3]).round(2)} mm")
+print(f"the wheel on the support: {(1e3 * support_from_wheel[:3, 3]).round(2) + 0.0} mm")
 
 out = Path("out")
 out.mkdir(exist_ok=True)

@@ -37,10 +37,6 @@ def _export(options: argparse.Namespace) -> int:
         encode = msgspec.json.encode if options.format == "ros-json" else msgspec.yaml.encode
         content = encode(trajectories(plan, step))
     file = options.output or options.plan.with_suffix(_SUFFIXES[options.format])
-
-    def write(path: Path) -> None:
-        path.write_bytes(content)
-
-    write_file(file, write)
+    write_file(file, lambda path: path.write_bytes(content))
     say(f"{len(plan.actions)} actions, {plan.duration:.1f} s -> {file}")
     return 0

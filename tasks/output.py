@@ -78,7 +78,7 @@ def check_writable(path: Path) -> None:
         raise InputError(path, "cannot be written", _CURE)
 
 
-def write_file(path: Path, write: Callable[[Path], None]) -> None:
+def write_file(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file; whoever reads it finds the whole of it, or what was there before.
 
     Raises:

@@ -34,6 +34,8 @@ def add_plan(parser: argparse.ArgumentParser) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
+    import msgspec
+
     from .planner import plan
     from .task_file import in_file, read_task
 
@@ -53,7 +55,8 @@ def _plan(options: argparse.Namespace) -> int:
             made = plan(task, options.task.parent, seed=seed, time_limit=limit, progress=progress)
         except InputError as error:
             raise in_file(error, options.task) from error
-        write_file(output, made.save)
+        content = msgspec.json.encode(made)
+        write_file(output, lambda path: path.write_bytes(content))
         if page is not None:
             from .replay import write_replay
 

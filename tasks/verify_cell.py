@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,13 +20,14 @@ import trimesh
 from ..errors import InputError
 from ..transforms import Array, pose
 from .document import Plan
+from .quantities import UNITS
 from .task import Attach, HandOver, Place, Task
 from .verify_arms import Machine, adjacent, read_machine, rigid_pairs
 from .verify_faults import Findings
 from .verify_solids import Solids
 
-_BOX_ROUNDING = 1e-9  # m
-_STATES = 50
+_ROUNDING = 1e-9  # m
+_STATES = 50  # in which links must touch to be taken for joined, where an SRDF says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,6 +262,9 @@ def read_task(builtins: Mapping[str, Any]) -> Task:
                 parts, arms = parts | {hand_over.part}, arms | {hand_over.to}
             case _:
                 raise InputError("plan: task", "a goal is not one of attach, place, hand_over", cure)
+    weights = [weight for part in task.parts.values() for weight in (part.mass, part.density) if weight is not None]
+    if not all(weight > 0.0 for weight in weights):
+        raise InputError("plan: task", "a part weighs nothing", cure)
     if not 0.0 < task.speed <= 1.0:
         raise InputError("plan: task", f"the speed is {task.speed}, no share of the limits", cure)
     odd = (parts - set(task.parts)) | ({arm for arm in arms if arm is not None} - set(task.hands))
@@ -272,8 +277,8 @@ def read_task(builtins: Mapping[str, Any]) -> Task:
 def _meshes(plan: Plan, task: Task, findings: Findings) -> dict[str, trimesh.Trimesh]:
     """The triangles of parts and obstacles, checked against the task."""
     boxes = {entry.name: entry.box for entry in task.cell if entry.box is not None}
-    files = {entry.name: entry.mesh for entry in task.cell if entry.mesh is not None}
-    files |= {name: entry.mesh for name, entry in task.parts.items()}
+    files = {entry.name: (entry.mesh, entry.unit or "m") for entry in task.cell if entry.mesh is not None}
+    files |= {name: (entry.mesh, entry.unit) for name, entry in task.parts.items()}
     meshes = {}
     for name in sorted({*boxes, *files} ^ set(plan.meshes)):
         findings.add("mesh", f"there is a mesh or a body {name}, but not both", bodies=[name])
@@ -290,10 +295,24 @@ def _meshes(plan: Plan, task: Task, findings: Findings) -> dict[str, trimesh.Tri
         meshes[name] = mesh
         if name in boxes:
             off = np.abs(mesh.bounds - np.array(boxes[name]) * [[-0.5], [0.5]]).max()
-            if off > _BOX_ROUNDING or not np.isclose(mesh.volume, np.prod(boxes[name])):
+            if off > _ROUNDING or not np.isclose(mesh.volume, np.prod(boxes[name])):
                 words = f"the triangles of {name} are not the task's box: a side is {1e3 * off:.3f} mm off"
                 findings.add("mesh", words, bodies=[name])
-        file = Path(plan.folder) / files.get(name, "")
-        if packed.digest and file.is_file() and sha256(file.read_bytes()).hexdigest() != packed.digest:
-            findings.add("mesh", f"{file.name} has changed since the plan was made", bodies=[name])
+        if name in files and (Path(plan.folder) / files[name][0]).is_file():
+            unlike = _unlike_its_file(mesh, packed.digest, Path(plan.folder) / files[name][0], files[name][1])
+            if unlike:
+                findings.add("mesh", f"{name}: {unlike}", bodies=[name])
     return meshes
+
+
+def _unlike_its_file(mesh: trimesh.Trimesh, digest: str, path: Path, unit: str) -> str:
+    """What differs between triangles [m] and the file that they come from; empty if nothing does."""
+    content = path.read_bytes()
+    if sha256(content).hexdigest() != digest:
+        return f"{path.name} has changed since the plan was made"
+    try:
+        given = trimesh.load_mesh(BytesIO(content), file_type=path.suffix.lower().lstrip("."), process=False)
+        off = np.abs(given.triangles * UNITS["length"][unit] - mesh.triangles).max()
+    except Exception as error:  # the readers raise whatever their parsing meets
+        return f"{path.name} cannot be compared ({error})"
+    return "" if off <= _ROUNDING else f"its triangles are {1e3 * off:.3f} mm off those of {path.name}"

@@ -68,9 +68,10 @@ class Goals:
         if goal.attach is not None:
             to = goal.attach.to
             attached = to in [hold.carrier for hold in end.holds[part]]
-            held = (hands != "nothing") == (goal.attach.then == "hold")
+            then = "place" if hands == "nothing" else "hold"
+            right = then == goal.attach.then or (then == "place" and self._stood(goal.attach))
             off = _off(part, invert(poses[to]) @ poses[part], goal.attach.at)
-            wrong = "" if held else f"{part} on {to} is held by {hands}, and the goal says {goal.attach.then}"
+            wrong = "" if right else f"{part} on {to} is held by {hands}, and the goal says {goal.attach.then}"
             return (wrong or off) if attached else f"{part} is not attached to {to}"
         if goal.place is not None:
             arm = goal.place.arm
@@ -81,6 +82,13 @@ class Goals:
             off = _off(part, poses[part], goal.hand_over.at)
             return off if hands == goal.hand_over.to else f"{part} is held by {hands}"
         return "it says nothing"
+
+    def _stood(self, goal: Attach) -> bool:
+        """Whether the part that another is joined to stood somewhere then: there is nothing to be held on to."""
+        for before, action in zip(self._ends, self._plan.actions[1:], strict=False):
+            if any((e.kind, e.part, e.carrier) == ("attach", goal.part, goal.to) for e in action.events):
+                return not before.hands(before.assembly(goal.to))
+        return False
 
     def _released_by(self, goal: Place, k: int) -> str | None:
         """The arm that last let go of the part of ``goal``, or of what it is assembled to, up to action ``k``."""

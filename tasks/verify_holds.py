@@ -17,7 +17,6 @@ REACHED = 1e-4  # m
 TURNED = float(np.deg2rad(0.1))
 ON_SURFACE = 1e-3  # m
 _PAIR_OFF = 3e-3  # m that the farther finger of a pair may hang above the surface, unless the task says
-_STEADY = 1e-7  # m
 _LIP_POINTS = 36
 _DOT = 1e-6  # m; triangles that small stand for points
 

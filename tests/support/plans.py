@@ -126,6 +126,31 @@ def short_plan(
     return job.plan()
 
 
+@cache
+def standing_plan() -> Plan:
+    """A valid plan of nine actions: the left hand puts the peg into the tube, which stands on the table."""
+    insert = {"direction": [0.0, 0.0, -1.0], "distance": 0.06}
+    goal = {"part": "peg", "to": "tube", "at": {"xyz": [0.0, 0.0, 0.025]}, "insert": insert}
+    tube = {**TASK["parts"]["tube"], "at": {"xyz": [0.35, 0.2, -0.025]}}
+    task = {**TASK, "parts": {"peg": TASK["parts"]["peg"], "tube": tube}, "goals": [{"attach": goal}]}
+    job = Job(task, {name: MESHES[name]() for name in ("peg", "tube")})
+    job.goal = 0
+    world_from_peg = job.world_from("tube") @ pose(**goal["at"])
+
+    def work(grasp: GraspUse) -> None:
+        job.take("left", "peg", grasp)
+        job.lift("left", "peg", grasp)
+        job.carry("left", "peg", pose([0.0, 0.0, insert["distance"]]) @ world_from_peg, grasp)
+        hand = world_from_peg @ grasp.part_from_hand
+        job.line("left", "peg", hand, grasp, "insert", "the peg into the tube", INSERTION, [("peg", "tube")])
+        job.release("left", "peg", grasp)
+
+    job.tried(zip(job.grasps("peg", np.array([0.0, 0.0, -1.0]), 0.03)[:6]), work)
+    job.goal = None
+    job.go_home("left")
+    return job.plan()
+
+
 class Job:
     """A scene, where everything in it is, and the actions so far."""
 

@@ -104,6 +104,7 @@ def test_a_task_that_is_none_is_refused():
         ({**plan.task, "parts": {"block": {**plan.task["parts"]["block"], "mass": "heavy"}}}, "no task"),
         ({**plan.task, "speed": 1e9}, "speed"),
         ({**plan.task, "goals": [{}]}, "is not one of"),
+        ({**plan.task, "parts": {"block": {**plan.task["parts"]["block"], "mass": 0.0}}}, "weighs nothing"),
         ({**plan.task, "robot": "robot of tomorrow"}, "no robot named"),
         ({**plan.task, "robot": "../nextage"}, "no robot named"),
         ({**plan.task, "robot": {"urdf": "mine.urdf", "srdf": "mine.srdf"}}, "cannot be read"),

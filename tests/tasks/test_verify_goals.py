@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mutations import joining, with_goal
-from plans import sample_plan
+from plans import sample_plan, standing_plan
 
+from kumitate.tasks.document import Plan
+from kumitate.tasks.verify import verify
 from kumitate.tasks.verify_cell import read_cell
 from kumitate.tasks.verify_faults import Fault, Findings
 from kumitate.tasks.verify_goals import Goals
@@ -16,13 +18,17 @@ from kumitate.tasks.verify_motion import Curve
 HAND_OVER, PLACE, ATTACH = 0, 1, 2
 
 
-def faults(number: int, kind: str, **changes: object) -> tuple[Fault, ...]:
+def goal_faults(plan: Plan) -> tuple[Fault, ...]:
     """What is found without looking for collisions."""
-    plan, findings = with_goal(sample_plan(), number, kind, **changes), Findings()
+    findings = Findings()
     cell = read_cell(plan, findings)
     curves = [Curve.of(action, cell) for action in plan.actions]
     Goals(plan, cell, curves, follow(plan, cell, curves, findings)[1], findings).check()
     return findings.faults
+
+
+def faults(number: int, kind: str, **changes: object) -> tuple[Fault, ...]:
+    return goal_faults(with_goal(sample_plan(), number, kind, **changes))
 
 
 def where_joined(shift: float) -> dict[str, list[float]]:
@@ -57,3 +63,12 @@ def test_faults_of_goals_name_the_action_that_should_have_reached_them():
     assert fault.action == max(i for i, action in enumerate(sample_plan().actions) if action.goal == PLACE)
     assert fault.bodies == ("block",)
     assert "10.000 mm" in fault.words
+
+
+def test_what_is_joined_where_it_stands_need_not_be_held():
+    """The goal says hold, but no hand held the tube when the peg came, and none need hold it now."""
+    assert standing_plan().task["goals"][0]["attach"].get("then", "hold") == "hold"
+    assert verify(standing_plan()).faults == ()
+    assert goal_faults(with_goal(standing_plan(), 0, "attach", then="place")) == ()
+    (fault,) = goal_faults(with_goal(sample_plan(), ATTACH, "attach", then="place"))
+    assert "held by right" in fault.words
