@@ -228,17 +228,19 @@ class Reacher:
             rows = _rows(np.array([grasp]), found, np.array(new, dtype=np.intp))
             entry.reach = entry.reach.joined(self._followed_and_free(node, holder, rows, self.state_at(node), {}))
 
-    def hand_ways(self, node: Node, arm: str, wanted: Mask) -> Reach:
+    def hand_ways(self, node: Node, arm: str, wanted: Mask, dropped: Counter[str]) -> Reach:
         """The ways of ``arm`` to hold the part at ``node`` with the ``wanted`` grasps (n,), for hand and arm alone.
 
-        Hands are clear and inverse kinematics answers; all branches.
+        Hands are clear and inverse kinematics answers; all branches. Causes of what falls are counted in ``dropped``.
         """
         holder, state = self.holders[arm], self.state_at(node)
         (grasp,) = np.nonzero(wanted)
-        if self._part_blocked(node, state):
+        if blocked := self._part_blocked(node, state):
+            dropped[blocked] += len(grasp)
             return self._nothing(arm)
-        grasp = self._hands_clear(node, holder, grasp, state, Counter())
+        grasp = self._hands_clear(node, holder, grasp, state, dropped)
         found = holder.arm.solver(node.world_from_part @ holder.part_from_flange[grasp])
+        dropped["no inverse kinematics at the grasp"] += int((~found.solved).sum())
         return _rows(grasp, found, np.arange(len(found.q)))
 
     def dropped(self) -> dict[tuple[str, str], Counter[str]]:
@@ -256,7 +258,7 @@ class Reacher:
         """The state with the part at ``node``, held by nobody."""
         state = self.state.with_pose(self.part, node.world_from_part)
         if node.support is not None:
-            state = state.with_contacts([*state.contacts, rest_contact(self.scene, state, node.support, self.part)])
+            state = state.with_contacts([*state.contacts, *rest_contacts(self.scene, state, node.support, self.part)])
         return state
 
     def _nothing(self, arm: str) -> Reach:
@@ -413,9 +415,11 @@ def apart(state: SceneState, part: str, kept: Iterable[str] = ()) -> SceneState:
     return state.with_contacts(left)
 
 
-def rest_contact(scene: Scene, state: SceneState, support: str, part: str) -> Contact:
-    """The contact of ``part`` with the ``support`` that it stands on."""
-    return Contact(support, part, scene.world_from_body(state, support)[:3, :3].T @ _UP)
+def rest_contacts(scene: Scene, state: SceneState, support: str, part: str) -> list[Contact]:
+    """The contacts of ``part``, and of all that is joined to it, with the ``support`` that it stands on."""
+    up = scene.world_from_body(state, support)[:3, :3].T @ _UP
+    joined = [body for body in state.attached if body != part and root_of(state, body) == part]
+    return [Contact(support, body, up) for body in (part, *joined)]
 
 
 def root_of(state: SceneState, body: str) -> str:

@@ -18,7 +18,7 @@ from ..robots.straight import LineTolerance, plan_linear
 from ..robots.timing import time_motion
 from ..robots.trajectory import Trajectory
 from ..transforms import Array, invert
-from .reach import Holder, apart, rest_contact
+from .reach import Holder, apart, rest_contacts
 
 Kind = Literal["transit", "approach", "close", "lift", "transfer", "lower", "open", "retreat", "insert"]
 _STILL = 1e-9  # rad: less is no motion
@@ -181,8 +181,8 @@ class Motions:
             StepError: The motion was not found.
         """
         arm = holder.arm.name
-        contact = rest_contact(self.scene, self.state, support, part)
-        self.state = self.state.with_contacts([*self.state.contacts, contact])
+        resting = rest_contacts(self.scene, self.state, support, part)
+        self.state = self.state.with_contacts([*self.state.contacts, *resting])
         words = f"{arm} hand puts {part} on {support}"
         self.line(arm, self.hand_for(arm, part, world_from_part), "lower", words, part, grasp=holder.row(grasp))
 

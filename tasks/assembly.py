@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -17,7 +18,7 @@ from ..regrasp.planner import Link
 from ..regrasp.reach import APPROACH, Holder, Node, Reach, Rows
 from ..regrasp.steps import Event, StepError
 from ..robots.straight import INSERTION
-from ..transforms import Array, invert, pose, pose_distance
+from ..transforms import Array, compose, invert, pose, pose_distance
 from .fit import Fit, Insertion
 from .job import Job
 from .meetings import Meeting, along_and_back, mated, meetings, same_pose
@@ -28,6 +29,7 @@ _log = logging.getLogger(__name__)
 _MOST_POSES = 192  # assembly poses that are looked at
 _ENOUGH, _ENOUGH_REGRASPED = 3, 5  # of them with hands that go together, that are tried
 _SAME = 1e-6  # rad or m; joints of one way are found anew within this
+_MOST_CAUSES = 4
 _PIN_REACH, _PIN_TURN = 5e-3, float(np.radians(10.0))  # m and rad between a pinned grasp and the planned ones it allows
 
 
@@ -55,6 +57,10 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
         NoMeetingError: There is no way.
     """
     failures: list[str] = []
+    if touching := _in_the_way(job, goal):
+        raise NoMeetingError(goal.part, goal.to, [touching])
+    if len(job.cell.robot.hands) < 2:
+        failures.append("joining in the air takes two hands, and the robot has one")
     if goal.then == "place" and _where_it_stands(job, goal, failures):
         return
     if _in_the_air(job, goal, later, failures):
@@ -62,6 +68,22 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
     if goal.then == "hold" and _where_it_stands(job, goal, failures):
         return
     raise NoMeetingError(goal.part, goal.to, failures)
+
+
+def _in_the_way(job: Job, goal: Attach) -> str:
+    """What the parts touch of each other on the straight way, whoever holds them, in words; empty if nothing."""
+    to, scene = job.root(goal.to), job.cell.scene
+    arm = next(iter(job.cell.robot.hands))
+    insertion = _fit(job, goal, to, arm, arm).insertion
+    # Parts that are joined may touch, but no deeper than the contact tolerance against the way.
+    loose = compose(np.eye(3), -scene.contact_tolerance * insertion.way / np.linalg.norm(insertion.way))
+    pairs = list(itertools.product(job.whole(to).bodies(), job.whole(goal.part).bodies()))
+    for left, look in zip(insertion.distances, insertion.looks(), strict=True):
+        for (other, there), (mine, at) in pairs:
+            still, moved, from_to = scene.bodies[other], scene.bodies[mine], invert(there)
+            if still.touches(moved, from_to @ look @ at) and still.touches(moved, from_to @ loose @ look @ at):
+                return f"{mine} against {other} {1e3 * left:.0f} mm before it is in place, whoever holds them"
+    return ""
 
 
 # In the air -----------------------------------------------------------------------------------------------------------
@@ -92,8 +114,12 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
                 f" {'to take them with where they are' if direct_part and direct_to else 'after a regrasp'}"
             )
             job.tell(f"where {goal.part} and {to} meet")
-            found = meetings(job.cell.scene, graphs, fit, hold, move, poses)
+            why: Counter[str] = Counter()
+            found = meetings(job.cell.scene, graphs, fit, hold, move, poses, why)
             some = list(itertools.islice(found, _ENOUGH if direct_part and direct_to else _ENOUGH_REGRASPED))
+            if not some and why.total():
+                causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
+                failures.append(f"no assembly pose of {len(poses)} serves: {causes}")
             first, most = (to if direct_part else goal.part), int(not (direct_part or direct_to))
             while some:
                 try:
@@ -224,7 +250,7 @@ def _where_it_stands(job: Job, goal: Attach, failures: list[str]) -> bool:
         fit = _fit(job, goal, to, arm, arm)
         move = fit.moving(_pinned(fit.mover, goal.grasp))
         last = _held_goal(goal.part, job.pose(to) @ fit.insertion.before(), fit.mover)
-        ways = along_and_back(fit, job.pose(to), graph.reacher.hand_ways(last.node, arm, move))
+        ways = along_and_back(fit, job.pose(to), graph.reacher.hand_ways(last.node, arm, move, Counter()))
         job.tell(f"{goal.part} to {to} where it stands")
         try:
             onward = job.graph(goal.part, [last.node], graph.reacher)

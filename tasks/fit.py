@@ -9,7 +9,6 @@ import numpy as np
 
 from ..regrasp.clearance import HandPoses, Mask
 from ..regrasp.reach import APPROACH, Holder, Rows
-from ..robots.rigid import Rigid
 from ..robots.scene import Scene
 from ..transforms import Array, compose, invert
 from .job import Whole
@@ -34,11 +33,16 @@ class Insertion:
         """Pose (4, 4) of the part before the straight way."""
         return compose(np.eye(3), -self.way) @ self.at
 
+    @property
+    def distances(self) -> Array:
+        """How far (n,) from its end the way is looked at, the end first [m]."""
+        length = float(np.linalg.norm(self.way))
+        return np.linspace(0.0, length, int(np.ceil(length / _ALONG)) + 1)
+
     def looks(self) -> Array:
         """Poses (n, 4, 4) of the part along the way, the last one first."""
-        count = int(np.ceil(np.linalg.norm(self.way) / _ALONG)) + 1
-        back = -np.linspace(0.0, 1.0, count)[:, None] * self.way
-        return compose(np.broadcast_to(np.eye(3), (count, 3, 3)), back) @ self.at
+        back = -self.distances[:, None] * self.way / np.linalg.norm(self.way)
+        return compose(np.broadcast_to(np.eye(3), (len(back), 3, 3)), back) @ self.at
 
 
 class Fit:
@@ -66,7 +70,9 @@ class Fit:
         self.insertion, self.arm, self.to_arm = insertion, arm, to_arm
         self.part, self.to = moved.part.name, still.part.name
         self.mover, self.holder = moved.holders[arm], still.holders[to_arm]
-        self._moved, self._still = _bodies(scene, moved), _bodies(scene, still)
+        self._moved, self._still = (
+            [(scene.bodies[name], at) for name, at in whole.bodies()] for whole in (moved, still)
+        )
         self._holding = _Looked(len(self.holder.grasps))
         self._moving = _Looked(len(self.mover.grasps))
 
@@ -120,12 +126,6 @@ class _Looked:
             self._clear[new] = ~hits(new)  # type: ignore[operator]
             self._known[new] = True
         return self._clear & wanted
-
-
-def _bodies(scene: Scene, whole: Whole) -> list[tuple[Rigid, Array]]:
-    """The bodies of a whole, each with its pose (4, 4) in the whole's frame."""
-    others = [(scene.bodies[name], pose) for name, pose in zip(whole.others, whole.poses, strict=True)]
-    return [(scene.bodies[whole.part.name], np.eye(4)), *others]
 
 
 def _covers(holder: Holder, grasps: Rows, frame: Array, *, closed: bool, back: float) -> HandPoses:

@@ -11,8 +11,10 @@ from ..regrasp.nodes import spots_for
 from ..regrasp.reach import Node
 from ..transforms import Array, invert, pose
 from .job import Job
+from .meetings import same_pose
 from .task import HandOver, Place
 
+_MOST_SPOTS = 24  # where an assembly may be put down
 _REACH = 1e-3  # m; a support lies no farther below a part
 
 
@@ -25,7 +27,10 @@ def place(job: Job, goal: Place) -> None:
     """
     part = job.root(goal.part)
     wanted = pose(goal.at.xyz, goal.at.rpy) @ invert(job.pose(goal.part)) @ job.pose(part)
-    node = Node(f"{part} at its goal", wanted, _support_below(job, part, wanted))
+    support = _support_below(job, part, wanted)
+    if job.rests_on(part) is not None and same_pose(job.pose(part), wanted):
+        return
+    node = Node(f"{part} at its goal", wanted, support)
     graph = job.graph(part, [node])
     job.bring(graph, [Goal(node, _any_grasp(graph, goal.arm))])
 
@@ -50,7 +55,7 @@ def put_down(job: Job, part: str) -> None:
         NoRegraspError: There is no way.
     """
     graph = job.graph(part, [])
-    nodes = spots_for(graph.reacher, job.whole(part).part, graph.start, [], job.cell.supports)
+    nodes = spots_for(graph.reacher, job.whole(part).part, graph.start, [], job.cell.supports)[:_MOST_SPOTS]
     job.bring(graph, [Goal(node, _any_grasp(graph, None)) for node in nodes])
 
 
@@ -59,11 +64,14 @@ def go_home(job: Job) -> None:
     job.tell("the way home")
     robot, state = job.cell.robot, job.motions.state
     busy = {state.carrier(body)[0] for body in state.attached}
-    free = {arm: robot.home[mounted.indices] for arm, mounted in robot.arms.items() if arm not in busy}
-    if free:
-        job.motions.free(
-            free, "transit", f"{' and '.join(free)} arm go home" if len(free) > 1 else "arm goes home", None
-        )
+    away = {
+        arm: robot.home[mounted.indices]
+        for arm, mounted in robot.arms.items()
+        if arm not in busy and np.abs(state.q - robot.home)[mounted.indices].max() > 0.0
+    }
+    if away:
+        words = f"{' and '.join(away)} arm{'s go' if len(away) > 1 else ' goes'} home"
+        job.motions.free(away, "transit", words, None)
 
 
 def _any_grasp(graph: RegraspGraph, pinned: str | None) -> dict[str, Mask]:

@@ -66,6 +66,10 @@ class Whole:
     poses: tuple[Array, ...]
     holders: dict[str, Holder]
 
+    def bodies(self) -> list[tuple[str, Array]]:
+        """Its bodies by name, each with its pose (4, 4) in the part's frame."""
+        return [(self.part.name, np.eye(4)), *zip(self.others, self.poses, strict=True)]
+
 
 class Job:
     """Plans one thing after the other in a cell; what is planned so far is in ``motions``.
@@ -74,13 +78,11 @@ class Job:
         cell: The cell.
         seed: Seed of all samples and searches.
         motions: The motions so far, and where everything is after them.
-        goals: For each motion the number of the goal that it works for; none on the way home.
     """
 
     def __init__(self, cell: Cell, seed: int, time_limit: float, progress: Progress) -> None:
         self.cell, self.seed = cell, seed
         self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed, self._check_time)
-        self.goals: list[int | None] = []
         self._used: dict[str, GraspSet] = {}
         self._grasps: dict[tuple[str, str], GraspSet] = {}
         self._wholes: dict[tuple[object, ...], Whole] = {}

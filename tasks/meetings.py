@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -48,7 +49,13 @@ class Meeting:
 
 
 def meetings(
-    scene: Scene, graphs: Mapping[str, RegraspGraph], fit: Fit, hold: Mask, move: Mask, poses: Iterable[Array]
+    scene: Scene,
+    graphs: Mapping[str, RegraspGraph],
+    fit: Fit,
+    hold: Mask,
+    move: Mask,
+    poses: Iterable[Array],
+    why: Counter[str],
 ) -> Iterator[Meeting]:
     """Assembly poses at which grasps of ``hold`` and ``move`` (n,) go together.
 
@@ -59,6 +66,7 @@ def meetings(
         hold: Grasps of the part that is joined to.
         move: Grasps of the moved part.
         poses: Poses (4, 4) of the part that is joined to, in the order in which they are looked at.
+        why: Takes the count of what fell to which cause.
     """
     hold, move = _some(fit.holder, hold), _some(fit.mover, move)
     if not (hold.any() and move.any()):
@@ -67,14 +75,17 @@ def meetings(
     clear[np.ix_(hold, move)] = fit.pairs(np.flatnonzero(hold), np.flatnonzero(move))
     for world_from_to in poses:
         before = Node(f"{fit.part} at a meeting", world_from_to @ fit.insertion.before(), None, to_leave=False)
-        moved = graphs[fit.part].reacher.hand_ways(before, fit.arm, move)
+        moved = graphs[fit.part].reacher.hand_ways(before, fit.arm, move, why)
         if not len(moved.grasp):
             continue
-        held = _holding_ways(graphs[fit.to], fit, world_from_to, hold)
-        used = clear[np.ix_(held.grasp, moved.grasp)].any(axis=0)
-        moved = along_and_back(fit, world_from_to, moved.take(used))
+        held = _holding_ways(graphs[fit.to], fit, world_from_to, hold, why)
+        used = np.asarray(clear[np.ix_(held.grasp, moved.grasp)].any(axis=0))
+        along = along_and_back(fit, world_from_to, moved.take(used))
+        why["no inverse kinematics along the straight way and back"] += int(used.sum()) - len(along.grasp)
+        moved = along
         rows = np.argwhere(clear[np.ix_(held.grasp, moved.grasp)])
         pairs = _together(scene, graphs[fit.to].reacher.state, fit, held, moved, rows)
+        why["robot or parts in collision while they are joined"] += int(len(rows) > len(pairs) == 0)
         if len(pairs):
             yield Meeting(world_from_to, fit, held, replace(moved, above=moved.at, before=moved.at), pairs)
 
@@ -106,13 +117,13 @@ def same_pose(a: Array, b: Array) -> bool:
     return bool(np.abs(a - b).max() < _SAME)
 
 
-def _holding_ways(graph: RegraspGraph, fit: Fit, world_from_to: Array, hold: Mask) -> Reach:
+def _holding_ways(graph: RegraspGraph, fit: Fit, world_from_to: Array, hold: Mask, why: Counter[str]) -> Reach:
     """The ways of the holding arm; where it holds the part there already, that one."""
     if graph.held is not None and same_pose(world_from_to, graph.start.world_from_part):
         held = graph.ways(graph.start, fit.to_arm, hold)
         return held.take(hold[held.grasp] & (graph.held.arm == fit.to_arm))
     node = Node(f"{fit.to} at a meeting", world_from_to, None, to_leave=False)
-    return graph.reacher.hand_ways(node, fit.to_arm, hold)
+    return graph.reacher.hand_ways(node, fit.to_arm, hold, why)
 
 
 def _some(holder: Holder, mask: Mask) -> Mask:

@@ -8,7 +8,7 @@ from time import perf_counter
 
 import msgspec
 
-from ..errors import PlanningError
+from ..errors import InputError, PlanningError
 from .assembly import attach
 from .cell import build_cell
 from .document import FORMAT, Plan
@@ -21,6 +21,7 @@ from .task_file import task_to_builtins
 from .verify import Verification, verify
 
 TIME_LIMIT = 120.0  # s
+_LARGEST_SEED = 2**32 - 1
 
 
 class UnverifiedError(PlanningError):
@@ -28,11 +29,13 @@ class UnverifiedError(PlanningError):
 
     Attributes:
         verification: What it found.
+        report: The faults, a sentence each.
     """
 
     def __init__(self, verification: Verification) -> None:
         """Name the first faults."""
         self.verification = verification
+        self.report = tuple(str(fault) for fault in verification.faults)
         listed = "; ".join(fault.words for fault in verification.faults[:3])
         super().__init__(f"the plan that was found does not pass its verification: {listed}")
 
@@ -60,6 +63,8 @@ def plan(
         InputError: The task is not sound.
         PlanningError: There is no plan, or the time was over.
     """
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= _LARGEST_SEED:
+        raise InputError("seed", f"{seed!r} is no seed", f"give a whole number from 0 to {_LARGEST_SEED}")
     clock = _Clock()
     progress("cell")
     cell = build_cell(task, folder)

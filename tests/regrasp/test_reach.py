@@ -18,7 +18,7 @@ from kumitate.regrasp.reach import (
     apart,
     at_rest,
     followed_line,
-    rest_contact,
+    rest_contacts,
     root_of,
 )
 from kumitate.robots.library import load_hand, load_robot
@@ -356,6 +356,6 @@ def test_a_part_rests_on_the_upper_side_of_a_support_however_that_is_turned():
     scene = Scene.of(robot, [Body.box("shelf", [0.2, 0.2, 0.1], fixed=True), Body.box("part", [0.02] * 3)])
     shelf = pose([1.0, 0.0, 0.5], [np.pi / 2.0, 0.0, 0.3])
     state = scene.state({"shelf": shelf, "part": pose([1.0, 0.0, 0.61])})
-    contact = rest_contact(scene, state, "shelf", "part")
+    contact = rest_contacts(scene, state, "shelf", "part")[0]
     np.testing.assert_allclose(shelf[:3, :3] @ contact.normal, [0.0, 0.0, 1.0], atol=1e-12)
     assert scene.touching(state.with_contacts([contact])) == ()

@@ -224,9 +224,6 @@ def test_a_place_with_nothing_below_is_refused(wheel_task, wheel_folder):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="all meetings are searched before, and the parts in each other's way are not named", strict=True
-)
 def test_a_bore_that_does_not_fit_is_named(wheel_task, wheel_folder):
     beside = with_attach(wheel_task, at=At((0.0, 0.032, 0.016)))  # 6 mm beside the axle, with 0.97 mm of play
     with pytest.raises(NoMeetingError) as caught:
@@ -234,7 +231,6 @@ def test_a_bore_that_does_not_fit_is_named(wheel_task, wheel_folder):
     assert "wheel against support" in _told(caught.value)
 
 
-@pytest.mark.xfail(reason="why no pose serves as a meeting is not told", strict=True)
 def test_an_assembly_pose_out_of_reach_is_named(wheel_task, wheel_folder):
     with pytest.raises(NoMeetingError) as caught:
         plan(with_attach(wheel_task, where=At((2.0, 0.0, 0.3))), wheel_folder)
