@@ -65,6 +65,8 @@ def plan(
     """
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= _LARGEST_SEED:
         raise InputError("seed", f"{seed!r} is no seed", f"give a whole number from 0 to {_LARGEST_SEED}")
+    if not task.goals:
+        raise InputError("goals", "there is nothing to do", "give at least one goal")
     clock = _Clock()
     progress("cell")
     cell = build_cell(task, folder)

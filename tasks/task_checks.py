@@ -140,8 +140,6 @@ def _in_parts(task: Task) -> Iterator[Mistake]:
 
 def _in_goals(task: Task) -> Iterator[Mistake]:
     carrier: dict[str, str] = {}
-    if not task.goals:
-        yield Mistake(("goals",), "there is nothing to do", "give at least one goal")
     for i, goal in enumerate(task.goals):
         kinds = [kind for kind in goal.__struct_fields__ if getattr(goal, kind) is not None]
         if len(kinds) != 1:
