@@ -27,7 +27,8 @@ from .task import At, Attach
 _log = logging.getLogger(__name__)
 
 _MOST_POSES = 192  # assembly poses that are looked at
-_ENOUGH, _ENOUGH_REGRASPED = 3, 5  # of them with hands that go together, that are tried
+_BATCH, _BATCH_REGRASPED = 2, 3  # of them with hands that go together, that are compared
+_MOST_BATCHES = 3  # of those, that are tried one after the other
 _SAME = 1e-6  # rad or m; joints of one way are found anew within this
 _MOST_CAUSES = 4
 _PIN_REACH, _PIN_TURN = 5e-3, float(np.radians(10.0))  # m and rad between a pinned grasp and the planned ones it allows
@@ -116,19 +117,20 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
             job.tell(f"where {goal.part} and {to} meet")
             why: Counter[str] = Counter()
             found = meetings(job.cell.scene, graphs, fit, hold, move, poses, why)
-            some = list(itertools.islice(found, _ENOUGH if direct_part and direct_to else _ENOUGH_REGRASPED))
-            if not some and why.total():
-                causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
-                failures.append(f"no assembly pose of {len(poses)} serves: {causes}")
             first, most = (to if direct_part else goal.part), int(not (direct_part or direct_to))
-            while some:
-                try:
-                    _join(job, graphs, some, first, most)
-                except (NoRegraspError, StepError) as error:
-                    failures.append(str(error))
-                    _log.info("%s and %s do not meet: %s", goal.part, to, error)
-                else:
-                    return True
+            for _ in range(_MOST_BATCHES):
+                some = list(itertools.islice(found, _BATCH if direct_part and direct_to else _BATCH_REGRASPED))
+                while some:
+                    try:
+                        _join(job, graphs, some, first, most)
+                    except (NoRegraspError, StepError) as error:
+                        failures.append(str(error))
+                        _log.info("%s and %s do not meet: %s", goal.part, to, error)
+                    else:
+                        return True
+            if why.total():
+                causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
+                failures.append(f"of the {len(poses)} assembly poses none serves: {causes}")
     return False
 
 

@@ -176,13 +176,14 @@ def _both_held(state: SceneState, fit: Fit, hold: int, move: int) -> SceneState:
 
 
 def _free_along(scene: Scene, state: SceneState, fit: Fit, way: Reach, grasp: int) -> bool:
-    """Whether all is free here and there along the straight way, the end first, and while the open hand draws back."""
+    """Whether all is free here and there along the straight way, the end first, as the hand draws back, and at home."""
     joined = replace(state.attached[fit.part], carrier=fit.to, carrier_from_body=fit.insertion.at)
     leaving = replace(state, attached={**state.attached, fit.part: joined})
     leaving = leaving.with_opening(fit.arm, fit.mover.grasps.approach_opening[grasp])
     coming = np.linspace(way.above[0], way.at[0], _LOOKS)
     drawing_back = np.linspace(way.above[0], way.before[0], _LOOKS_BACK)
-    for looked, places in ((state, coming), (leaving, drawing_back)):
+    leaving_ways = [*drawing_back, scene.robot.home[fit.mover.arm.indices]]
+    for looked, places in ((state, coming), (leaving, leaving_ways)):
         checker, q = scene.checker(looked, {fit.arm, fit.to_arm}), state.q.copy()
         for joints in places:
             q[fit.mover.arm.indices] = joints
