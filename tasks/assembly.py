@@ -120,17 +120,27 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
             first, most = (to if direct_part else goal.part), int(not (direct_part or direct_to))
             for _ in range(_MOST_BATCHES):
                 some = list(itertools.islice(found, _BATCH if direct_part and direct_to else _BATCH_REGRASPED))
-                while some:
-                    try:
-                        _join(job, graphs, some, first, most)
-                    except (NoRegraspError, StepError) as error:
-                        failures.append(str(error))
-                        _log.info("%s and %s do not meet: %s", goal.part, to, error)
-                    else:
-                        return True
+                if _join_one(job, graphs, some, first, most, failures):
+                    return True
             if why.total():
                 causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
                 failures.append(f"of the {len(poses)} assembly poses none serves: {causes}")
+    return False
+
+
+def _join_one(
+    job: Job, graphs: dict[str, RegraspGraph], some: list[Meeting], first: str, most_regrasps: int, failures: list[str]
+) -> bool:
+    """Join the parts at one of the meetings, if there is a way, trying one after the other."""
+    while some:
+        fit = some[0].fit
+        try:
+            _join(job, graphs, some, first, most_regrasps)
+        except (NoRegraspError, StepError) as error:
+            failures.append(str(error))
+            _log.info("%s and %s do not meet: %s", fit.part, fit.to, error)
+        else:
+            return True
     return False
 
 
