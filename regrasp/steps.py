@@ -20,7 +20,9 @@ from ..robots.trajectory import Trajectory
 from ..transforms import Array, invert
 from .reach import Holder, apart, rest_contacts
 
-Kind = Literal["transit", "approach", "close", "lift", "transfer", "lower", "open", "retreat", "insert"]
+Kind = Literal[
+    "transit", "approach", "close", "lift", "transfer", "lower", "open", "retreat", "insert", "press", "withdraw"
+]
 _STILL = 1e-9  # rad: less is no motion
 _LINE = LineTolerance()
 

@@ -24,7 +24,9 @@ LARGEST_PLAN = 256 * 2**20  # bytes
 Row = tuple[float, float, float, float]
 Matrix = tuple[Row, Row, Row, Row]
 Vector = tuple[float, float, float]
-Kind = Literal["transit", "approach", "close", "lift", "transfer", "lower", "open", "retreat", "insert"]
+Kind = Literal[
+    "transit", "approach", "close", "lift", "transfer", "lower", "open", "retreat", "insert", "press", "withdraw"
+]
 
 
 class Mesh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

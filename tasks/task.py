@@ -28,6 +28,8 @@ class Density(float):
 
 
 Point = tuple[Length, Length, Length]
+Corner = tuple[Length, Length]
+Axis = tuple[float, float, float]
 Rpy = tuple[Angle, Angle, Angle]
 Unit = Literal["mm", "cm", "m", "in"]
 # Plain numbers, because msgspec writes no subclasses of float into a schema.
@@ -111,6 +113,18 @@ class Grasping(Record, frozen=True):
     n_da: int | None = None
 
 
+class Region(Record, frozen=True):
+    """A box in a part's frame.
+
+    Attributes:
+        box: Its sides [m].
+        at: Pose of its middle in the part's frame.
+    """
+
+    box: Point
+    at: At = At()
+
+
 class PartEntry(Record, frozen=True):
     """A part; its frame is that of its mesh.
 
@@ -121,6 +135,8 @@ class PartEntry(Record, frozen=True):
         mass: Its mass [kg]; either this or the density.
         density: Its density [kg/m3].
         grasps: How its grasps are planned.
+        frames: Poses in its frame that goals speak of by name, such as the tip of a tool.
+        no_touch: Where no hand that holds it may be.
     """
 
     mesh: str
@@ -129,17 +145,19 @@ class PartEntry(Record, frozen=True):
     mass: Mass | None = None
     density: Density | None = None
     grasps: Grasping = Grasping()
+    frames: dict[str, At] = {}
+    no_touch: tuple[Region, ...] = ()
 
 
 class Insert(Record, frozen=True):
     """The straight way into place.
 
     Attributes:
-        direction: Of the motion, in the frame of the other part; of any length but zero.
+        direction: Of the motion, in the frame in which the goal's pose is given; of any length but zero.
         distance: Length of the way [m].
     """
 
-    direction: tuple[float, float, float]
+    direction: Axis
     distance: Length
 
 
@@ -171,17 +189,36 @@ class Attach(Record, frozen=True):
     then: Literal["hold", "place"] = "hold"
 
 
+class Area(Record, frozen=True):
+    """A place on a support.
+
+    Attributes:
+        on: The obstacle, a support, on whose top it lies.
+        corners: Two opposite corners (x, y) in the world of the rectangle within which a part's outline shall lie; the
+            whole top if none are given.
+        up: The direction of the part, in its own frame, that shall point up; any stable placement if none.
+    """
+
+    on: str
+    corners: tuple[Corner, Corner] | None = None
+    up: Axis | None = None
+
+
 class Place(Record, frozen=True):
-    """Put a part down.
+    """Put a part down, at a pose or anywhere in an area.
 
     Attributes:
         part: The part.
         at: Its pose in the world.
+        area: In place of a pose: where it may rest in any stable placement, at any turn.
+        any_turn: Axis in the part's frame, through its origin, about which it may be turned at ``at``.
         arm: The arm that does it, if it matters.
     """
 
     part: str
-    at: At
+    at: At | None = None
+    area: Area | None = None
+    any_turn: Axis | None = None
     arm: str | None = None
 
 
@@ -192,11 +229,39 @@ class HandOver(Record, frozen=True):
         part: The part.
         to: The arm, which ends holding it.
         at: Pose of the part in the world at the end.
+        any_turn: Axis in the part's frame, through its origin, about which it may be turned at ``at``.
+        interlocked: Whether the arm must be given the part by another one, hand in hand: three-finger hands, the single
+            finger of the taker between the two of the giver.
     """
 
     part: str
     to: str
     at: At
+    any_turn: Axis | None = None
+    interlocked: bool = False
+
+
+class Use(Record, frozen=True):
+    """Bring a frame of a tool straight to a pose, and straight back; the tool stays in the hand.
+
+    Attributes:
+        part: The tool.
+        frame: Name of the tool's frame.
+        at: Pose of that frame at the end of the straight way.
+        of: The obstacle or part in whose frame ``at`` and the approach's direction are given, and which the tool may
+            touch there; the world, and nothing, if none.
+        approach: The straight way there.
+        any_turn: Axis in the tool's frame of that name, through its origin, about which it may be turned at ``at``.
+        arm: The arm that does it, if it matters.
+    """
+
+    part: str
+    frame: str
+    at: At
+    approach: Insert
+    of: str | None = None
+    any_turn: Axis | None = None
+    arm: str | None = None
 
 
 class Goal(Record, frozen=True):
@@ -205,6 +270,7 @@ class Goal(Record, frozen=True):
     attach: Attach | None = None
     place: Place | None = None
     hand_over: HandOver | None = None
+    use: Use | None = None
 
 
 class Task(Record, frozen=True):
@@ -214,7 +280,8 @@ class Task(Record, frozen=True):
         robot: Name of a shipped robot, or one of the user's own.
         hands: The hand of each arm that has one: a shipped one by name, a YAML file, or either with its mount.
         parts: The parts by name.
-        goals: What shall be done, in this order.
+        goals: What shall be done.
+        order: Whether the goals are reached in the order in which they are given, or in any that works.
         cell: What else stands around.
         speed: Share of the joints' velocity limits that motions use, above 0 and at most 1.
         start: Joints that do not start at home, by name [rad or m].
@@ -225,6 +292,7 @@ class Task(Record, frozen=True):
     hands: dict[str, str | Mounted]
     parts: dict[str, PartEntry]
     goals: tuple[Goal, ...]
+    order: Literal["fixed", "free"] = "fixed"
     cell: tuple[Obstacle, ...] = ()
     speed: float = 0.5
     start: dict[str, Angle] = {}
