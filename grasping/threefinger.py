@@ -37,9 +37,27 @@ def plan_three_finger(
         The grasps, and the stages from ``"contact pairs"`` on.
     """
     pairs, record = find_pairs(part, facets, contacts, parameters)
-    body = HandCollision(part, hand)
     candidates = turn_about(pairs, parameters.n_da, both_ways=True)
+    grasps, stages = hold(part, facets, hand, pairs, candidates, parameters, colliding=colliding)
+    return grasps, (*record, *stages)
 
+
+def hold(
+    part: Part,
+    facets: Facets,
+    hand: Hand,
+    pairs: ContactPairs,
+    candidates: Candidates,
+    parameters: GraspParameters,
+    *,
+    colliding: bool = False,
+) -> tuple[GraspSet, tuple[Stage, ...]]:
+    """The nested checks of ``candidates``, from cheap to dear: strokes, pads, the whole hand, stability.
+
+    Returns:
+        The grasps, without a record, and the stages from ``"stroke collision"`` on.
+    """
+    body = HandCollision(part, hand)
     started = process_time()
     wide = pairs.width[candidates.pair] + 2.0 * parameters.contact_tolerance > hand.stroke[1]
     fitting = candidates.take(~wide)
@@ -65,7 +83,7 @@ def plan_three_finger(
     grasps, last = finish(
         part, hand, body, facets, pairs, left.take(good), standing.take(good), parameters, colliding=colliding
     )
-    return grasps, (*record, stroke, pads, *last)
+    return grasps, (stroke, pads, *last)
 
 
 def strokes_hit(body: HandCollision, hand: Hand, pairs: ContactPairs, candidates: Candidates, h_max: float) -> Mask:

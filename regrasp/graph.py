@@ -72,12 +72,20 @@ class RegraspGraph:
         start: Where the part is.
         held: How it is held there, if it is.
         nodes: Placements and handovers on the way; those in the air are handovers.
+        pairs: Which grasps of a giver and a taker go together, where more is asked than that they are clear.
     """
 
-    def __init__(self, reacher: Reacher, start: Node, held: Held | None, nodes: Iterable[Node]) -> None:
+    def __init__(
+        self,
+        reacher: Reacher,
+        start: Node,
+        held: Held | None,
+        nodes: Iterable[Node],
+        pairs: Mapping[tuple[str, str], HandoverPairs] | None = None,
+    ) -> None:
         self.reacher, self.start, self.held, self._source = reacher, start, held, nodes
         self._struck: set[tuple[str, str, str, int]] = set()
-        self._pairs: dict[tuple[str, str], HandoverPairs] = {}
+        self._pairs = dict(pairs or {})
         self._looked = self._most_tests = 0
         self._links: dict[tuple[str, str, str], int] = {}
 

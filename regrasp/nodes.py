@@ -12,7 +12,7 @@ from ..robots.scene import Scene
 from ..robots.state import SceneState
 from ..transforms import Array, transform_points
 from .handovers import sample_handovers
-from .placements import find_placements
+from .placements import Placements, find_placements
 from .polygons import outline
 from .reach import Node, Reacher
 from .supports import Support, find_spots
@@ -32,7 +32,7 @@ def between(
     rng: np.random.Generator,
 ) -> Iterator[Node]:
     """Placements on the supports, the shortest ways first, and handovers; in turns."""
-    placements = spots_for(reacher, part, start, goals, supports)
+    placements = spots_for(reacher, find_placements(part), start, goals, supports)
     handovers: list[Node] = []
     if len(reacher.holders) > 1:
         turned = [node.world_from_part[:3, :3] for node in (start, *goals[:1])]
@@ -43,18 +43,25 @@ def between(
 
 
 def spots_for(
-    reacher: Reacher, part: Part, start: Node, goals: Sequence[Node], supports: Sequence[Support]
+    reacher: Reacher,
+    stable: Placements,
+    start: Node,
+    goals: Sequence[Node],
+    supports: Sequence[Support],
+    spacing: float = _SPACING,
 ) -> list[Node]:
-    """Free spots and turns on ``supports`` at which ``part`` rests, those on the shortest ways to a goal first."""
+    """Free spots, ``spacing`` [m] apart, and turns on ``supports`` at which the part rests in ``stable`` placements.
+
+    Those on the shortest ways to a goal are the first.
+    """
     if not supports:
         return []
     scene, state = reacher.scene, reacher.state_at(start)
     at, ends = start.world_from_part[:3, 3], _ends(start, goals)
-    stable = find_placements(part)
     found: list[tuple[float, Node]] = []
     for support in supports:
         occupied = _occupied(scene, state, reacher.part, support)
-        spots = find_spots(stable, support, spacing=_SPACING, occupied=occupied)
+        spots = find_spots(stable, support, spacing=spacing, occupied=occupied)
         places = spots.world_from_part[:, :3, 3]
         way = np.linalg.norm(places - at, axis=1) + np.linalg.norm(places[:, None] - ends, axis=-1).min(axis=1)
         order = np.lexsort((way, spots.turn, spots.placement))

@@ -50,6 +50,17 @@ class Placements:
         """Number of placements n."""
         return len(self.margin)
 
+    def take(self, chosen: Indices) -> Placements:
+        """The chosen placements, by index."""
+        return Placements(
+            self.surface_from_part[chosen],
+            self.margin[chosen],
+            self.height[chosen],
+            self.share[chosen],
+            self.support.take(chosen),
+            self.outline.take(chosen),
+        )
+
 
 def find_placements(part: Part) -> Placements:
     """The stable placements of ``part`` on a horizontal plane.

@@ -39,6 +39,10 @@ class Polygons:
         """Corners (k, 2) of one polygon [m]."""
         return self.points[self.offsets[index] : self.offsets[index + 1]]
 
+    def take(self, chosen: npt.NDArray[np.int64]) -> Polygons:
+        """The chosen polygons, by index."""
+        return Polygons.of([self[int(i)] for i in chosen])
+
     @property
     def area(self) -> Array:
         """Area (n,) [m2]."""

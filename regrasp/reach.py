@@ -107,12 +107,14 @@ class Node:
         world_from_part: (4, 4).
         support: The body it rests on; None in the air.
         to_leave: Whether hands come and go here; false where the part is held at the end.
+        touching: Contacts that the part may have here, beside those with its support.
     """
 
     name: str
     world_from_part: Array
     support: str | None
     to_leave: bool = True
+    touching: tuple[Contact, ...] = ()
 
     @property
     def key(self) -> tuple[bytes, str | None, bool]:
@@ -259,7 +261,7 @@ class Reacher:
         state = self.state.with_pose(self.part, node.world_from_part)
         if node.support is not None:
             state = state.with_contacts([*state.contacts, *rest_contacts(self.scene, state, node.support, self.part)])
-        return state
+        return state.with_contacts([*state.contacts, *node.touching]) if node.touching else state
 
     def _nothing(self, arm: str) -> Reach:
         none = np.zeros((0, self.holders[arm].arm.chain.dof))

@@ -4,48 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError
-from ..regrasp.clearance import Mask
-from ..regrasp.graph import Goal, RegraspGraph
+from ..regrasp.graph import Goal
 from ..regrasp.nodes import spots_for
-from ..regrasp.reach import Node
-from ..transforms import Array, invert, pose
-from .job import Job
+from ..regrasp.placements import find_placements
+from .interlock import hand_over_interlocked
+from .job import Job, any_grasp
 from .meetings import same_pose
+from .targets import hold_nodes, lies_in, place_nodes
 from .task import HandOver, Place
 
 _MOST_SPOTS = 24  # where an assembly may be put down
-_REACH = 1e-3  # m; a support lies no farther below a part
 
 
 def place(job: Job, goal: Place) -> None:
-    """Put the part of ``goal`` down at its pose.
+    """Put the part of ``goal`` down where it may be.
 
     Raises:
         InputError: Nothing is there that the part could rest on.
         NoRegraspError: There is no way.
     """
     part = job.root(goal.part)
-    wanted = pose(goal.at.xyz, goal.at.rpy) @ invert(job.pose(goal.part)) @ job.pose(part)
-    support = _support_below(job, part, wanted)
-    if job.rests_on(part) is not None and same_pose(job.pose(part), wanted):
+    if goal.area is not None and lies_in(job, goal.part, goal.area):
         return
-    node = Node(f"{part} at its goal", wanted, support)
-    graph = job.graph(part, [node])
-    job.bring(graph, [Goal(node, _any_grasp(graph, goal.arm))])
+    nodes = place_nodes(job, goal)
+    if job.rests_on(part) is not None and any(same_pose(job.pose(part), node.world_from_part) for node in nodes):
+        return
+    graph = job.graph(part, nodes)
+    job.bring(graph, [Goal(node, any_grasp(graph, goal.arm)) for node in nodes])
 
 
 def hand_over(job: Job, goal: HandOver) -> None:
     """Give the part of ``goal`` to an arm, which ends holding it at a pose.
 
     Raises:
+        InputError: The hands shall interlock, and cannot.
         NoRegraspError: There is no way.
     """
-    part = job.root(goal.part)
-    wanted = pose(goal.at.xyz, goal.at.rpy) @ invert(job.pose(goal.part)) @ job.pose(part)
-    node = Node(f"{part} held by the {goal.to} arm", wanted, None, to_leave=False)
-    graph = job.graph(part, [node])
-    job.bring(graph, [Goal(node, _any_grasp(graph, goal.to))])
+    if goal.interlocked:
+        hand_over_interlocked(job, goal)
+        return
+    part, nodes = job.root(goal.part), hold_nodes(job, goal)
+    graph = job.graph(part, nodes)
+    job.bring(graph, [Goal(node, any_grasp(graph, goal.to)) for node in nodes])
 
 
 def put_down(job: Job, part: str) -> None:
@@ -55,8 +55,9 @@ def put_down(job: Job, part: str) -> None:
         NoRegraspError: There is no way.
     """
     graph = job.graph(part, [])
-    nodes = spots_for(graph.reacher, job.whole(part).part, graph.start, [], job.cell.supports)[:_MOST_SPOTS]
-    job.bring(graph, [Goal(node, _any_grasp(graph, None)) for node in nodes])
+    stable = find_placements(job.whole(part).part)
+    nodes = spots_for(graph.reacher, stable, graph.start, [], job.cell.supports)[:_MOST_SPOTS]
+    job.bring(graph, [Goal(node, any_grasp(graph, None)) for node in nodes])
 
 
 def go_home(job: Job) -> None:
@@ -74,19 +75,17 @@ def go_home(job: Job) -> None:
         job.motions.free(away, "transit", words, None)
 
 
-def _any_grasp(graph: RegraspGraph, pinned: str | None) -> dict[str, Mask]:
-    holders = graph.reacher.holders
-    return {arm: np.ones(len(h.grasps), dtype=bool) for arm, h in holders.items() if pinned in (None, arm)}
+def make_way(job: Job) -> bool:
+    """Bring the arms that hold something, and are in the way, home with it; whether any has moved.
 
-
-def _support_below(job: Job, part: str, wanted: Array) -> str:
-    """The body that ``part`` rests on at ``wanted`` (4, 4): it touches it once it is a millimetre lower."""
-    lower = wanted.copy()
-    lower[2, 3] -= _REACH
-    scene, state = job.cell.scene, job.motions.state
-    whole = {part, *job.whole(part).others}
-    for name, body in scene.bodies.items():
-        there = invert(lower) @ scene.world_from_body(state, name)
-        if name not in whole and not state.carrier(name)[0] and scene.bodies[part].touches(body, there):
-            return name
-    raise InputError(f"goal: place {part}", "nothing is below it there", "give a pose at which it rests on something")
+    Raises:
+        StepError: A motion was not found.
+    """
+    robot, state = job.cell.robot, job.motions.state
+    held = {state.carrier(body)[0]: body for body in state.attached if job.root(body) == body}
+    away = [arm for arm in held if arm and np.abs(state.q - robot.home)[robot.arm(arm).indices].max() > 0.0]
+    for arm in away:
+        part = held[arm]
+        words = f"{arm} arm makes way with {part}"
+        job.motions.free({arm: robot.home[robot.arm(arm).indices]}, "transfer", words, part, grasp=job.used(part))
+    return bool(away)

@@ -13,14 +13,14 @@ from ..grasping.grasps import GraspSet
 from ..grasping.joined import hold_whole, join_parts
 from ..grasping.part import Part
 from ..grasping.store import cached_grasps
-from ..regrasp.clearance import hands_hit
+from ..regrasp.clearance import Mask, hands_hit
 from ..regrasp.graph import MOST_REGRASPS, Goal, Held, RegraspGraph
 from ..regrasp.nodes import between
 from ..regrasp.planner import Link, bring
 from ..regrasp.reach import Holder, Node, Reacher, root_of
 from ..regrasp.steps import Motions
-from ..robots.state import SceneState
-from ..transforms import Array, invert
+from ..robots.state import Body, SceneState
+from ..transforms import Array, invert, pose
 from .cell import Cell
 
 Progress = Callable[[str], None]
@@ -133,9 +133,13 @@ class Job:
             holders[arm] = Holder.of(self.cell.robot, arm, holders[arm].grasps.joined(used))
         return Held(arm, int(same.argmax()), self.motions.state.q[self.cell.robot.arm(arm).indices])
 
+    def used(self, part: str) -> GraspSet:
+        """The grasp, as a set of one, with which an arm holds ``part``."""
+        return self._used[part]
+
     def whole(self, part: str) -> Whole:
         """``part`` with all that is assembled to it now, and the grasps that hold it."""
-        state, scene = self.motions.state, self.cell.scene
+        state = self.motions.state
         others = sorted(name for name in state.attached if name != part and self.root(name) == part)
         part_from_world = invert(self.pose(part))
         poses = [part_from_world @ self.pose(other) for other in others]
@@ -143,17 +147,27 @@ class Job:
         if key not in self._wholes:
             alone = self.cell.parts[part]
             joined = join_parts([alone, *(self.cell.parts[other] for other in others)], [np.eye(4), *poses])
-            holders = {}
-            for arm, hand in self.cell.robot.hands.items():
-                grasps = hold_whole(self.grasps(part, arm), alone, joined, hand)
-                holder = Holder.of(self.cell.robot, arm, grasps)
-                for other, pose in zip(others, poses, strict=True):
-                    base = holder.part_from_flange @ holder.arm.flange_from_base
-                    clear = ~hands_hit(hand, base, holder.grasps.opening, scene.bodies[other], pose)
-                    holder = Holder.of(self.cell.robot, arm, holder.grasps[clear])
-                holders[arm] = holder
-            self._wholes[key] = Whole(joined, tuple(others), tuple(poses), holders)
+            made = Whole(joined, tuple(others), tuple(poses), {})
+            for arm in self.cell.robot.hands:
+                made.holders[arm] = self.holder(made, arm, self.grasps(part, arm))
+            self._wholes[key] = made
         return self._wholes[key]
+
+    def holder(self, whole: Whole, arm: str, grasps: GraspSet) -> Holder:
+        """Those of ``grasps`` of a part alone that hold the ``whole`` of it and what is assembled to it."""
+        robot, part = self.cell.robot, whole.part.name
+        hand = robot.hands[arm]
+        holder = Holder.of(robot, arm, hold_whole(grasps, self.cell.parts[part], whole.part, hand))
+        regions = [
+            (Body.box("region", region.box), pose(region.at.xyz, region.at.rpy))
+            for region in self.cell.task.parts[part].no_touch
+        ]
+        others = [(self.cell.scene.bodies[name], at) for name, at in zip(whole.others, whole.poses, strict=True)]
+        for body, at in (*others, *regions):
+            base = holder.part_from_flange @ holder.arm.flange_from_base
+            clear = ~hands_hit(hand, base, holder.grasps.opening, body, at)
+            holder = Holder.of(robot, arm, holder.grasps[clear])
+        return holder
 
     def grasps(self, part: str, arm: str) -> GraspSet:
         """The grasps of ``part`` alone by the hand of ``arm``."""
@@ -199,3 +213,9 @@ class Job:
         _, links = bring(graph, goals, self.motions, most_regrasps)
         self._used[part] = graph.reacher.holders[links[-1].arm].row(links[-1].grasp)
         return links[-1]
+
+
+def any_grasp(graph: RegraspGraph, pinned: str | None) -> dict[str, Mask]:
+    """All grasps by arm; of one arm only, if that is ``pinned``."""
+    holders = graph.reacher.holders
+    return {arm: np.ones(len(h.grasps), dtype=bool) for arm, h in holders.items() if pinned in (None, arm)}

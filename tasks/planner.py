@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -12,12 +13,14 @@ from ..errors import InputError, PlanningError
 from .assembly import attach
 from .cell import build_cell
 from .document import FORMAT, Plan
-from .goals import go_home, hand_over, place, put_down
-from .job import Job, Progress
+from .goals import go_home, hand_over, make_way, place, put_down
+from .job import Job, Progress, TimeLimitError
 from .models import model_digests
+from .order import in_some_order
 from .record import actions_of
 from .task import Goal, Task
 from .task_file import task_to_builtins
+from .use import use
 from .verify import Verification, verify
 
 TIME_LIMIT = 120.0  # s
@@ -76,13 +79,7 @@ def plan(
         for arm in cell.robot.hands:
             job.grasps(part, arm)
     clock.stage("grasps")
-    goals: list[int | None] = []
-    for number, goal in enumerate(task.goals):
-        _reach(job, goal, task.goals[number + 1 :])
-        goals += [number] * (len(job.motions.steps) - len(goals))
-    if task.end == "home":
-        go_home(job)
-        goals += [None] * (len(job.motions.steps) - len(goals))
+    goals = _reach_all(job)
     clock.stage("regrasps and motions")
     written = task_to_builtins(task)
     made = Plan(
@@ -106,6 +103,52 @@ def plan(
     return msgspec.structs.replace(made, seconds=clock.seconds)
 
 
+def _reach_all(job: Job) -> list[int | None]:
+    """Plan what all goals ask for, and the way home; the number of the goal that each step is for.
+
+    Raises:
+        PlanningError: There is no way.
+    """
+    task, numbers = job.cell.task, list[int | None]()
+
+    def reach(number: int, to_come: Sequence[int]) -> None:
+        del numbers[len(job.motions.steps) :]
+        _reach_making_way(job, task.goals[number], tuple(task.goals[other] for other in to_come))
+        numbers.extend([number] * (len(job.motions.steps) - len(numbers)))
+
+    if task.order == "free":
+        in_some_order(job, task.goals, reach)
+    else:
+        for number in range(len(task.goals)):
+            reach(number, range(number + 1, len(task.goals)))
+    if task.end == "home":
+        go_home(job)
+        numbers.extend([None] * (len(job.motions.steps) - len(numbers)))
+    return numbers
+
+
+def _reach_making_way(job: Job, goal: Goal, to_come: tuple[Goal, ...]) -> None:
+    """Plan what one goal asks for; if that fails, once more with the arms that hold something out of the way.
+
+    Raises:
+        PlanningError: There is no way.
+    """
+    mark = job.mark()
+    try:
+        _reach(job, goal, to_come)
+    except TimeLimitError:
+        raise
+    except PlanningError as error:
+        job.back_to(mark)
+        try:
+            if not make_way(job):
+                raise error
+            _reach(job, goal, to_come)
+        except PlanningError:
+            job.back_to(mark)
+            raise error from None
+
+
 def _reach(job: Job, goal: Goal, to_come: tuple[Goal, ...]) -> None:
     """Plan what one goal asks for.
 
@@ -122,6 +165,8 @@ def _reach(job: Job, goal: Goal, to_come: tuple[Goal, ...]) -> None:
         place(job, goal.place)
     elif goal.hand_over is not None:
         hand_over(job, goal.hand_over)
+    elif goal.use is not None:
+        use(job, goal.use)
 
 
 class _Clock:

@@ -56,7 +56,7 @@ def shop() -> Shop:
 
 @pytest.fixture(scope="module")
 def placements(shop) -> list[Node]:
-    return spots_for(shop.reacher(), shop.table.part, shop.start, [shop.goal], shop.supports)
+    return spots_for(shop.reacher(), find_placements(shop.table.part), shop.start, [shop.goal], shop.supports)
 
 
 def test_placements_rest_on_their_supports_and_touch_nothing_else(shop, placements):

@@ -1,0 +1,116 @@
+"""In which order goals are reached where any will do."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ..errors import PlanningError
+from ..regrasp.reach import Node, Reacher
+from ..robots.state import SceneState
+from .job import Job, TimeLimitError
+from .targets import place_nodes
+from .task import Goal, Place
+
+_log = logging.getLogger(__name__)
+
+_LOOKED = 200  # well-spread grasps that tell whether a part can still be taken and put down
+
+
+class NoOrderError(PlanningError):
+    """Goals cannot be reached in any order.
+
+    Attributes:
+        report: What stopped which order, a sentence each.
+    """
+
+    def __init__(self, report: Sequence[str]) -> None:
+        """Name the last reason."""
+        self.report = tuple(dict.fromkeys(report))
+        super().__init__(f"there is no order in which the goals can be reached: {report[-1]}")
+
+
+def in_some_order(job: Job, goals: Sequence[Goal], reach: Callable[[int, list[int]], None]) -> None:
+    """Reach ``goals`` in an order that works; depth first, the order in which they are given first.
+
+    A goal is not reached while its part, once in place, would keep another from its own place. A set of goals that
+    could not be finished is not tried again.
+
+    Args:
+        job: The job.
+        goals: The goals.
+        reach: Plans the goal of a number; given too are the numbers of those to come.
+
+    Raises:
+        NoOrderError: There is none.
+    """
+    failures: list[str] = []
+    dead: set[frozenset[int]] = set()
+
+    def finish(left: frozenset[int]) -> bool:
+        if not left:
+            return True
+        for number in sorted(left) if left not in dead else ():
+            others = sorted(left - {number})
+            blocked = next((other for other in others if _keeps_out(job, goals[number], goals[other])), None)
+            if blocked is not None:
+                failures.append(f"goal {number + 1} in place keeps goal {blocked + 1} from being reached")
+                continue
+            mark = job.mark()
+            try:
+                reach(number, others)
+            except TimeLimitError:
+                raise
+            except PlanningError as error:
+                _log.info("goal %d: %s", number + 1, error)
+                failures.append(f"goal {number + 1}: {error}")
+            else:
+                if finish(left - {number}):
+                    return True
+            job.back_to(mark)
+        dead.add(left)
+        return False
+
+    if not finish(frozenset(range(len(goals)))):
+        raise NoOrderError(failures)
+
+
+def _keeps_out(job: Job, goal: Goal, other: Goal) -> bool:
+    """Whether no hand can take or put down the part of ``other`` once that of ``goal`` is in place."""
+    if goal.place is None or other.place is None or other.place.part == goal.place.part:
+        return False
+    nodes, part = place_nodes(job, goal.place), job.root(goal.place.part)
+    job.tell(f"whether {other.place.part} comes to its place after {part}")
+    return bool(nodes) and all(not _possible(job, other.place, state) for state in _placed(job, part, nodes))
+
+
+def _placed(job: Job, part: str, nodes: Sequence[Node]) -> Iterator[SceneState]:
+    """States with ``part`` in one of its places each."""
+    reacher = Reacher(job.cell.scene, job.motions.state, part, {})
+    return (reacher.state_at(node) for node in nodes)
+
+
+def _possible(job: Job, goal: Place, state: SceneState) -> bool:
+    """Whether some grasp can take the part of ``goal`` in ``state``, and some grasp put it down."""
+    part = job.root(goal.part)
+    if job.held(part) is not None:
+        return True
+    holders = job.whole(part).holders
+    reacher = Reacher(job.cell.scene, state, part, holders)
+    start = Node("start", job.pose(part), job.rests_on(part))
+    arms = tuple(holders) if goal.arm is None else (goal.arm,)
+    return _reached(reacher, [start], tuple(holders)) and _reached(reacher, place_nodes(job, goal), arms)
+
+
+def _reached(reacher: Reacher, nodes: Sequence[Node], arms: Sequence[str]) -> bool:
+    """Whether some well-spread grasp of one of ``arms`` works at one of ``nodes``."""
+    for node, arm in itertools.product(nodes, arms):
+        grasps = reacher.holders[arm].grasps
+        mask = np.zeros(len(grasps), dtype=bool)
+        mask[grasps.spread(_LOOKED)] = True
+        if len(reacher.reach(node, arm, mask).grasp):
+            return True
+    return False
