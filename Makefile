@@ -1,14 +1,17 @@
-# Two targets for a fresh machine: each makes the virtual environment by itself when it is missing or out of date.
+# Targets for a fresh machine: each makes the virtual environment by itself when it is missing or out of date.
 PYTHON ?= python3
 VENV := .venv
 export OPENBLAS_NUM_THREADS := 1
 BIN := $(VENV)/bin
 
-.PHONY: demo test slow bench lint clean
+.PHONY: demo examples test slow bench lint clean
 
 demo: $(VENV)/ready
 	mkdir -p out
 	$(BIN)/kumitate plan examples/wheel_support/task.yaml --output out/plan.json --replay out/replay.html
+
+examples: $(VENV)/ready
+	$(BIN)/python examples/run_all.py
 
 test: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2

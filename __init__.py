@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .tasks.document import Plan as Plan
     from .tasks.planner import plan as plan
     from .tasks.replay import write_replay as write_replay
+    from .tasks.task import Area as Area
     from .tasks.task import At as At
     from .tasks.task import Attach as Attach
     from .tasks.task import Goal as Goal
@@ -56,7 +57,9 @@ if TYPE_CHECKING:
     from .tasks.task import OwnRobot as OwnRobot
     from .tasks.task import PartEntry as PartEntry
     from .tasks.task import Place as Place
+    from .tasks.task import Region as Region
     from .tasks.task import Task as Task
+    from .tasks.task import Use as Use
     from .tasks.task_file import read_task as read_task
     from .tasks.verify import Fault as Fault
     from .tasks.verify import Verification as Verification
@@ -89,6 +92,7 @@ _HOMES = {
     "tasks.planner": ("plan",),
     "tasks.replay": ("write_replay",),
     "tasks.task": (
+        "Area",
         "At",
         "Attach",
         "Goal",
@@ -100,7 +104,9 @@ _HOMES = {
         "OwnRobot",
         "PartEntry",
         "Place",
+        "Region",
         "Task",
+        "Use",
     ),
     "tasks.task_file": ("read_task",),
     "tasks.verify": ("Fault", "Verification", "verify"),

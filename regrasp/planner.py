@@ -19,7 +19,7 @@ from .graph import MOST_REGRASPS, Goal, Held, RegraspGraph, Route
 from .nodes import between
 from .reach import APPROACH, LIFT, Holder, Node, Reach, Reacher
 from .report import report_on
-from .steps import Motions, Step, StepError
+from .steps import Attempt, Motions, Step, StepError
 from .supports import Support
 
 _log = logging.getLogger(__name__)
@@ -231,7 +231,7 @@ def _follow_some(
                 _follow(graph, route, links, done, motions)
         except StepError as error:
             motions.back_to(start)
-            failures.append(f"{route.nodes[done].name} to {route.nodes[done + 1].name}: {error}")
+            failures.append(Attempt(error, f"{route.nodes[done].name} to {route.nodes[done + 1].name}"))
             _log.info("%s", failures[-1])
             _give_up(graph, route, links, done, error)
             links, _ = choose(graph, route)

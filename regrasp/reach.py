@@ -23,7 +23,7 @@ from .clearance import Hands, Mask
 APPROACH = 0.05  # m that a hand comes straight to the part, and leaves it
 LIFT = 0.05  # m that a part goes straight up from its support, and comes down to it
 _LINE_POSES = 6
-_ROOM = 1e-3  # m between a hand and what stands around
+ROOM = 1e-3  # m between a hand and what stands around
 _SAME = 1e-6  # rad or m; joints of one branch are found anew within this
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -321,7 +321,7 @@ class Reacher:
             if name != self.part:
                 pose = part_from_world @ self.scene.world_from_body(state, name)
                 for hands in passes:
-                    hits = hands.hit(grasp, body, pose, margin=_ROOM)
+                    hits = hands.hit(grasp, body, pose, margin=ROOM)
                     dropped[f"hand against {name}"] += int(hits.sum())
                     grasp = grasp[~hits]
         closes = self._closes(holder, grasp)

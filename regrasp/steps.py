@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import PlanningError
+from ..errors import BlockedError, NoPathError, PlanningError, StartInCollisionError
 from ..grasping.grasps import GraspSet
 from ..robots.grip import plan_grip
 from ..robots.motion import plan_motion
@@ -80,6 +80,30 @@ class StepError(PlanningError):
         """Name the step, and what stopped it."""
         self.kind, self.arm, self.part, self.cause = kind, arm, part, cause
         super().__init__(f"{kind} of {part} by the {arm} arm: {cause}")
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The two bodies that stopped it, as far as bodies did."""
+        if isinstance(self.cause, NoPathError):
+            return self.cause.blocking[0][0] if self.cause.blocking else ()
+        pairs = self.cause.pairs if isinstance(self.cause, BlockedError | StartInCollisionError) else ()
+        return pairs[0] if pairs else ()
+
+
+class Attempt(str):
+    """A candidate of a search that a motion was not found for: the segment and what stopped it, in words.
+
+    Attributes:
+        bodies: The two bodies that stopped it, as far as bodies did.
+    """
+
+    bodies: tuple[str, ...]
+
+    def __new__(cls, error: StepError, segment: str = "") -> Attempt:
+        """What ``error`` tells, on the way named ``segment``."""
+        attempt = super().__new__(cls, f"{segment}: {error}" if segment else str(error))
+        attempt.bodies = error.bodies
+        return attempt
 
 
 class Motions:

@@ -16,7 +16,7 @@ from ..regrasp.graph import MOST_REGRASPS, Goal, RegraspGraph
 from ..regrasp.handovers import sample_handovers
 from ..regrasp.planner import Link
 from ..regrasp.reach import APPROACH, Holder, Node, Reach, Rows
-from ..regrasp.steps import Event, StepError
+from ..regrasp.steps import Attempt, Event, StepError
 from ..robots.straight import INSERTION
 from ..transforms import Array, compose, invert, pose, pose_distance
 from .fit import Fit, Insertion
@@ -39,11 +39,12 @@ class NoMeetingError(PlanningError):
 
     Attributes:
         report: What was tried and why it failed, a sentence each.
+        why: How many assembly poses, or ways to hold a part at them, fell to which cause.
     """
 
-    def __init__(self, part: str, to: str, report: Sequence[str]) -> None:
+    def __init__(self, part: str, to: str, report: Sequence[str], why: Counter[str]) -> None:
         """Name the parts and the last reason."""
-        self.report = tuple(report)
+        self.report, self.why = tuple(report), why
         last = f": {report[-1]}" if report else ""
         super().__init__(f"no way to join {part} to {to}{last}")
 
@@ -58,20 +59,21 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
         NoMeetingError: There is no way.
     """
     failures: list[str] = []
-    if touching := _in_the_way(job, goal):
-        raise NoMeetingError(goal.part, goal.to, [touching])
+    why: Counter[str] = Counter()
+    if touching := in_the_way(job, goal):
+        raise NoMeetingError(goal.part, goal.to, [touching], why)
     if len(job.cell.robot.hands) < 2:
         failures.append("joining in the air takes two hands, and the robot has one")
     if goal.then == "place" and _where_it_stands(job, goal, failures):
         return
-    if _in_the_air(job, goal, later, failures):
+    if _in_the_air(job, goal, later, failures, why):
         return
     if goal.then == "hold" and _where_it_stands(job, goal, failures):
         return
-    raise NoMeetingError(goal.part, goal.to, failures)
+    raise NoMeetingError(goal.part, goal.to, failures, why)
 
 
-def _in_the_way(job: Job, goal: Attach) -> str:
+def in_the_way(job: Job, goal: Attach) -> str:
     """What the parts touch of each other on the straight way, whoever holds them, in words; empty if nothing."""
     to, scene = job.root(goal.to), job.cell.scene
     arm = next(iter(job.cell.robot.hands))
@@ -87,10 +89,26 @@ def _in_the_way(job: Job, goal: Attach) -> str:
     return ""
 
 
+def ways_left(job: Job, goal: Attach) -> Iterator[tuple[str, str, int, int]]:
+    """For either part and each pair of arms: part, the other, how many grasps leave the straight way free, of how many.
+
+    Whoever holds the other part, and wherever.
+    """
+    to = job.root(goal.to)
+    for arm, to_arm in _arms(job, goal, to) or [(arm, arm) for arm in job.cell.robot.hands]:
+        fit = _fit(job, goal, to, arm, to_arm)
+        for part, other, holder, clear in (
+            (to, goal.part, fit.holder, fit.holding),
+            (goal.part, to, fit.mover, fit.moving),
+        ):
+            every = np.ones(len(holder.grasps), dtype=bool)
+            yield part, other, int(clear(every).sum()), len(every)
+
+
 # In the air -----------------------------------------------------------------------------------------------------------
 
 
-def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[str]) -> bool:
+def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[str], every: Counter[str]) -> bool:
     """Join the parts in the air, if there is a way: as few regrasps as possible, and the goals to come in mind.
 
     First both parts are taken directly, then the other part is regrasped before, then the part, then both; with grasps
@@ -122,6 +140,7 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
                 some = list(itertools.islice(found, _BATCH if direct_part and direct_to else _BATCH_REGRASPED))
                 if _join_one(job, graphs, some, first, most, failures):
                     return True
+            every.update(why)
             if why.total():
                 causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
                 failures.append(f"of the {len(poses)} assembly poses none serves: {causes}")
@@ -137,11 +156,18 @@ def _join_one(
         try:
             _join(job, graphs, some, first, most_regrasps)
         except (NoRegraspError, StepError) as error:
-            failures.append(str(error))
+            failures += _told(error)
             _log.info("%s and %s do not meet: %s", fit.part, fit.to, error)
         else:
             return True
     return False
+
+
+def _told(error: NoRegraspError | StepError) -> list[str]:
+    """What failed, and the motions that did."""
+    if isinstance(error, StepError):
+        return [Attempt(error)]
+    return [str(error), *(line for line in error.report if isinstance(line, Attempt))]
 
 
 def _arms(job: Job, goal: Attach, to: str) -> list[tuple[str, str]]:
@@ -270,6 +296,7 @@ def _where_it_stands(job: Job, goal: Attach, failures: list[str]) -> bool:
         except (NoRegraspError, StepError) as error:
             job.back_to(mark)
             failures.append(f"{to} stays on {job.rests_on(to)}, {arm} arm brings {goal.part}: {error}")
+            failures += _told(error)
         else:
             return True
     return False

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import NoRegraspError
+from ..errors import InputError, NoRegraspError
 from ..grasping.interlock import faced, facing_grasps
 from ..regrasp.clearance import Mask
 from ..regrasp.graph import Goal, Held, RegraspGraph
@@ -33,9 +33,9 @@ class LockedPairs(HandoverPairs):
         self._faced = faced
 
     @property
-    def count(self) -> int:
-        """How many of the taker's grasps face one of the giver's."""
-        return int((self._faced >= 0).sum())
+    def facing(self) -> Mask:
+        """Which of the taker's grasps (k,) face one of the giver's."""
+        return np.asarray(self._faced >= 0)
 
     def clear(self, given: npt.NDArray[np.intp], taken: npt.NDArray[np.intp]) -> Mask:
         """Which of the grasps ``given`` (g,) and ``taken`` (t,) go together (g, t)."""
@@ -63,18 +63,21 @@ def hand_over_interlocked(job: Job, goal: HandOver) -> None:
     """
     part, nodes = job.root(goal.part), hold_nodes(job, goal)
     report: list[str] = []
-    for giver, hand in job.cell.robot.hands.items():
-        if giver == goal.to or hand.kind != "three_finger":
-            continue
+    givers = [arm for arm, hand in job.cell.robot.hands.items() if arm != goal.to and hand.kind == "three_finger"]
+    if not givers:
+        problem = f"no hand that could give {goal.part} to the {goal.to} one has one finger against two"
+        raise InputError("goal: hand_over", problem, "give both arms such hands, or leave interlocked out")
+    for giver in givers:
         graph = job.graph(part, [])
         takeable = graph.leaving_start(giver, any_grasp(graph, giver)[giver])
         for words, rows in (("that it can be taken with", takeable), ("after a regrasp", ~takeable)):
             lock = _lock(job, job.whole(part), giver, goal.to, np.flatnonzero(rows))
-            report.append(f"{lock.pairs.count} interlocked grasps by {giver} and {goal.to} arm, of those {words}")
-            if lock.pairs.count:
+            facing = lock.pairs.facing
+            report.append(f"{facing.sum()} interlocked grasps by {giver} and {goal.to} arm, of those {words}")
+            if facing.any():
                 try:
                     graph = _graph(job, part, nodes, lock, (giver, goal.to))
-                    job.bring(graph, [Goal(node, any_grasp(graph, goal.to)) for node in nodes])
+                    job.bring(graph, [Goal(node, {goal.to: facing}) for node in nodes])
                     return
                 except NoRegraspError as error:
                     report += error.report
@@ -91,8 +94,10 @@ def _lock(job: Job, whole: Whole, giver: str, taker: str, rows: npt.NDArray[np.i
     grasps = {giver: given[own], taker: facing}
     order = np.arange(len(own))
     held = job.held(part)
-    if held is not None and held.arm in grasps:
-        now = job.whole(part).holders[held.arm].row(held.grasp)
+    if held is not None and held.arm == giver and held.grasp in rows[own]:
+        held = Held(giver, int(np.flatnonzero(rows[own] == held.grasp)[0]), held.joints)
+    elif held is not None and held.arm in grasps:
+        now = whole.holders[held.arm].row(held.grasp)
         held = Held(held.arm, len(grasps[held.arm]), held.joints)
         grasps[held.arm] = grasps[held.arm].joined(now)
         order = order if held.arm == giver else np.append(order, -1)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..errors import PlanningError
+from ..errors import InputError, NoRegraspError, PlanningError
 from ..regrasp.reach import Node, Reacher
-from ..robots.state import SceneState
 from .job import Job, TimeLimitError
 from .targets import place_nodes
 from .task import Goal, Place
@@ -36,8 +35,8 @@ class NoOrderError(PlanningError):
 def in_some_order(job: Job, goals: Sequence[Goal], reach: Callable[[int, list[int]], None]) -> None:
     """Reach ``goals`` in an order that works; depth first, the order in which they are given first.
 
-    A goal is not reached while its part, once in place, would keep another from its own place. A set of goals that
-    could not be finished is not tried again.
+    A goal is not reached while its part, once in place, would keep another from its own place; nor can it be while what
+    its part shall rest on is still to come. A set of goals that could not be finished is not tried again.
 
     Args:
         job: The job.
@@ -64,7 +63,7 @@ def in_some_order(job: Job, goals: Sequence[Goal], reach: Callable[[int, list[in
                 reach(number, others)
             except TimeLimitError:
                 raise
-            except PlanningError as error:
+            except (InputError, PlanningError) as error:
                 _log.info("goal %d: %s", number + 1, error)
                 failures.append(f"goal {number + 1}: {error}")
             else:
@@ -82,27 +81,36 @@ def _keeps_out(job: Job, goal: Goal, other: Goal) -> bool:
     """Whether no hand can take or put down the part of ``other`` once that of ``goal`` is in place."""
     if goal.place is None or other.place is None or other.place.part == goal.place.part:
         return False
-    nodes, part = place_nodes(job, goal.place), job.root(goal.place.part)
+    nodes, part = _places(job, goal.place), job.root(goal.place.part)
     job.tell(f"whether {other.place.part} comes to its place after {part}")
-    return bool(nodes) and all(not _possible(job, other.place, state) for state in _placed(job, part, nodes))
+    reacher, mark = Reacher(job.cell.scene, job.motions.state, part, {}), job.mark()
+    for node in nodes:
+        job.motions.state = reacher.state_at(node)
+        possible = _possible(job, other.place)
+        job.back_to(mark)
+        if possible:
+            return False
+    return bool(nodes)
 
 
-def _placed(job: Job, part: str, nodes: Sequence[Node]) -> Iterator[SceneState]:
-    """States with ``part`` in one of its places each."""
-    reacher = Reacher(job.cell.scene, job.motions.state, part, {})
-    return (reacher.state_at(node) for node in nodes)
-
-
-def _possible(job: Job, goal: Place, state: SceneState) -> bool:
-    """Whether some grasp can take the part of ``goal`` in ``state``, and some grasp put it down."""
-    part = job.root(goal.part)
-    if job.held(part) is not None:
+def _possible(job: Job, goal: Place) -> bool:
+    """Whether some grasp can take the part of ``goal`` now, and some grasp put it down."""
+    part, nodes = job.root(goal.part), _places(job, goal)
+    if job.held(part) is not None or not nodes:
         return True
     holders = job.whole(part).holders
-    reacher = Reacher(job.cell.scene, state, part, holders)
+    reacher = Reacher(job.cell.scene, job.motions.state, part, holders)
     start = Node("start", job.pose(part), job.rests_on(part))
     arms = tuple(holders) if goal.arm is None else (goal.arm,)
-    return _reached(reacher, [start], tuple(holders)) and _reached(reacher, place_nodes(job, goal), arms)
+    return _reached(reacher, [start], tuple(holders)) and _reached(reacher, nodes, arms)
+
+
+def _places(job: Job, goal: Place) -> list[Node]:
+    """Where the part of ``goal`` may be put down; nowhere while what it shall rest on is not there."""
+    try:
+        return place_nodes(job, goal)
+    except (InputError, NoRegraspError):
+        return []
 
 
 def _reached(reacher: Reacher, nodes: Sequence[Node], arms: Sequence[str]) -> bool:

@@ -17,6 +17,7 @@ from .goals import go_home, hand_over, make_way, place, put_down
 from .job import Job, Progress, TimeLimitError
 from .models import model_digests
 from .order import in_some_order
+from .reasons import NoPlanError, reasons
 from .record import actions_of
 from .task import Goal, Task
 from .task_file import task_to_builtins
@@ -119,8 +120,15 @@ def _reach_all(job: Job) -> list[int | None]:
     if task.order == "free":
         in_some_order(job, task.goals, reach)
     else:
-        for number in range(len(task.goals)):
-            reach(number, range(number + 1, len(task.goals)))
+        for number, goal in enumerate(task.goals):
+            mark = job.mark()
+            try:
+                reach(number, range(number + 1, len(task.goals)))
+            except TimeLimitError:
+                raise
+            except PlanningError as error:
+                job.back_to(mark)
+                raise NoPlanError(reasons(job, number, goal, error), error) from error
     if task.end == "home":
         go_home(job)
         numbers.extend([None] * (len(job.motions.steps) - len(numbers)))

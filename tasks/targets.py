@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, NoRegraspError
 from ..regrasp.nodes import spots_for
 from ..regrasp.placements import find_placements
 from ..regrasp.reach import Node, Reacher
@@ -36,6 +36,7 @@ def place_nodes(job: Job, goal: Place) -> list[Node]:
 
     Raises:
         InputError: Nothing is there that it could rest on, or the area is not on the support.
+        NoRegraspError: It fits nowhere in the area.
     """
     if goal.area is not None:
         return _in_area(job, goal.part, goal.area)
@@ -79,7 +80,11 @@ def _in_area(job: Job, part: str, area: Area) -> list[Node]:
     reacher = Reacher(job.cell.scene, job.motions.state, root, whole.holders)
     start = Node("start", job.pose(root), job.rests_on(root))
     middle = Node("the area", rectangle.world_from_support, None)
-    return spots_for(reacher, stable, start, [middle], [within], _SPACING)[:MOST_SPOTS]
+    spots = spots_for(reacher, stable, start, [middle], [within], _SPACING)[:MOST_SPOTS]
+    if not spots:
+        room = "the area has no room for it" if len(stable) else "it does not rest stably with that direction up"
+        raise NoRegraspError(root, room, [f"{len(stable)} stable placements in an area on {area.on}, no spot is free"])
+    return spots
 
 
 def _rectangle(job: Job, area: Area) -> Support:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -112,6 +114,13 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+# Only true and false are truth values, as in YAML 1.2; on (a field), off, yes and no are text.
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:bool" or first in "tTfF"]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
 def _yaml_error(mark: Any, problem: str, cure: str) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=mark, note=cure)
 
@@ -154,41 +163,39 @@ def _field(keys: Keys) -> str:
     return written.lstrip(".") or "task"
 
 
-def _convert(data: Any) -> Task:
+def _convert(data: Any, kind: Any) -> Any:
     def quantity(kind: type, value: Any) -> Any:
         try:
             return kind(parse_quantity(value, kind.__name__.lower(), ""))
         except InputError as error:
             raise ValueError(error.problem) from error  # msgspec adds the place to this kind of error only
 
-    return msgspec.convert(data, Task, dec_hook=quantity)
+    return msgspec.convert(data, kind, dec_hook=quantity)
 
 
 def _converted(data: Any, place: Callable[[Keys], str]) -> Task:
     """The task in ``data``, or an error that tells what field is wrong."""
     try:
-        return _convert(data)
+        task: Task = _convert(data, Task)
     except msgspec.ValidationError as error:
         problem, _, where = str(error).partition(" - at `$")
         keys: Keys = ()
         for index, name in _STEP.findall(where):
-            if index == "...":  # an entry of a mapping; msgspec does not tell which
-                keys += (_culprit(data, keys[0], str(error)),)
-            else:
-                keys += (name or int(index),)
+            # An entry of a mapping is "...": msgspec does not tell which.
+            keys += (_culprit(data, keys) if index == "..." else name or int(index),)
         mistake = _explained(error, problem, keys)
         raise InputError(place(mistake.keys), mistake.problem, mistake.cure) from error
+    return task
 
 
-def _culprit(data: Mapping[str, Any], field: str | int, message: str) -> str:
-    """The entry of the task's mapping ``field`` that alone gives the same message."""
-    entries = data[str(field)]
-    for name, value in entries.items():
+def _culprit(data: Any, keys: Keys) -> str:
+    """The first entry of the wrong type in the mapping to which ``keys`` lead; msgspec stops there too."""
+    kind = _type_at((*keys, "..."))
+    for name, value in reduce(getitem, keys, data).items():
         try:
-            _convert({**data, str(field): {name: value}})
-        except msgspec.ValidationError as error:
-            if str(error) == message:
-                return str(name)
+            _convert(value, kind)
+        except msgspec.ValidationError:
+            return str(name)
     return "..."
 
 

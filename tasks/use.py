@@ -12,7 +12,7 @@ from ..errors import NoRegraspError
 from ..regrasp.clearance import Mask
 from ..regrasp.graph import MOST_REGRASPS, Goal, RegraspGraph
 from ..regrasp.reach import Node, Reach, followed_line
-from ..regrasp.steps import Kind, StepError
+from ..regrasp.steps import Attempt, Kind, StepError
 from ..robots.state import Contact
 from ..robots.straight import INSERTION
 from ..transforms import Array, compose, invert, pose
@@ -65,6 +65,11 @@ def use(job: Job, goal: Use) -> None:
     causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
     report = [f"{goal.frame} of {part} at its goal, of {len(strokes)} turns: {causes or 'some grasps work'}", *failures]
     raise NoRegraspError(part, f"its {goal.frame} does not come to where it is used", report)
+
+
+def end_nodes(job: Job, goal: Use) -> list[Node]:
+    """Where the tool of ``goal`` is at the end of its straight way."""
+    return [stroke.end for stroke in _strokes(job, goal, job.root(goal.part))]
 
 
 def _strokes(job: Job, goal: Use, part: str) -> Iterator[_Stroke]:
@@ -124,7 +129,7 @@ def _stroke_one(
             _press(job, part, stroke)
         except StepError as error:
             job.back_to(mark)
-            failures.append(str(error))
+            failures.append(Attempt(error))
             goals = [entry for entry in goals if entry.node is not stroke.before]
         else:
             return True

@@ -15,7 +15,7 @@ import trimesh
 import yaml
 
 from ..errors import InputError
-from ..transforms import Array, compose, invert, pose
+from ..transforms import Array, compose, invert, pose, transform_points
 from .models import HandFiles, ModelFiles, model_files, read_bytes
 from .task import Mounted, OwnRobot, Task
 from .verify_robot import Tree, read_tree, read_xml
@@ -85,6 +85,13 @@ class Gripper:
         """Pose (n, 4, 4) of the hand frame in the flange's frame at openings (n,) [m]."""
         links = self.links(openings)
         return links[:, self.lip[0]] if self.lip else self._grasp(links)[1]
+
+    def faces(self, openings: Array) -> Array:
+        """Corners (n, pads, 4, 3) of the pads' faces in the flange's frame at openings (n,) [m]."""
+        corners = np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]]) / 2.0
+        return transform_points(
+            self.links(openings)[:, list(self.pads)], corners * np.insert(self.sizes, 0, 0.0, axis=1)[:, None]
+        )
 
     @cached_property
     def _table(self) -> Array:

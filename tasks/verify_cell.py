@@ -10,21 +10,20 @@ from functools import cached_property
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from ..errors import InputError
 from ..transforms import Array, pose
 from .document import Plan
 from .quantities import UNITS
-from .task import Attach, HandOver, Place, Task
+from .task import Task
 from .verify_arms import Machine, adjacent, read_machine, rigid_pairs
 from .verify_faults import Findings
 from .verify_solids import Solids
+from .verify_task import read_task
 
 _ROUNDING = 1e-9  # m
 _STATES = 50  # in which links must touch to be taken for joined, where an SRDF says nothing
@@ -235,43 +234,6 @@ def read_cell(plan: Plan, findings: Findings) -> Cell | None:
         solids=Solids([body.mesh for body in bodies]),
         standing={entry.name: pose(entry.at.xyz, entry.at.rpy) for entry in task.cell},
     )
-
-
-def read_task(builtins: Mapping[str, Any]) -> Task:
-    """The task of a plan document, in which every quantity is a number.
-
-    Raises:
-        InputError: It is no task, or names a part or an arm that it does not have.
-    """
-    cure = "give the plan as `kumitate plan` wrote it"
-    try:
-        task = msgspec.convert(builtins, Task, dec_hook=lambda kind, value: kind(value))
-    except (msgspec.ValidationError, ValueError, TypeError) as error:
-        raise InputError("plan: task", f"no task ({error})", cure) from error
-    arms, parts = set[str | None](), set[str]()
-    for goal in task.goals:
-        match goal.attach, goal.place, goal.hand_over:
-            case Attach() as attach, None, None:
-                parts |= {attach.part, attach.to}
-                arms |= {attach.arm, attach.to_arm}
-                if not any(attach.insert.direction) or attach.insert.distance <= 0.0:
-                    raise InputError("plan: task", f"{attach.part} has no way to be inserted", cure)
-            case None, Place() as place, None:
-                parts, arms = parts | {place.part}, arms | {place.arm}
-            case None, None, HandOver() as hand_over:
-                parts, arms = parts | {hand_over.part}, arms | {hand_over.to}
-            case _:
-                raise InputError("plan: task", "a goal is not one of attach, place, hand_over", cure)
-    weights = [weight for part in task.parts.values() for weight in (part.mass, part.density) if weight is not None]
-    if not all(weight > 0.0 for weight in weights):
-        raise InputError("plan: task", "a part weighs nothing", cure)
-    if not 0.0 < task.speed <= 1.0:
-        raise InputError("plan: task", f"the speed is {task.speed}, no share of the limits", cure)
-    odd = (parts - set(task.parts)) | ({arm for arm in arms if arm is not None} - set(task.hands))
-    names = [*task.parts, *(entry.name for entry in task.cell), *task.hands]
-    if odd or len(set(names)) < len(names):
-        raise InputError("plan: task", f"a name is unknown or taken: {sorted(odd) or names}", cure)
-    return task
 
 
 def _meshes(plan: Plan, task: Task, findings: Findings) -> dict[str, trimesh.Trimesh]:

@@ -11,8 +11,10 @@ import numpy as np
 
 from ..transforms import Array, invert, pose
 from .document import Action, Plan
+from .task import Use
 from .verify_cell import Body, Cell
 from .verify_holds import Stretch
+from .verify_ways import unit
 
 TOLERANCE = 0.5e-3  # m
 NEXT_TO = 1e-3  # m that a body may have moved from where it rests, or where the hand closes, and still touch
@@ -40,6 +42,8 @@ class Contacts:
         self._plan, self._cell, self._stretch = plan, cell, stretch
         self._values, self._poses, self._ends = values, poses, ends
         self._action = plan.actions[stretch.action]
+        self._use = _used(self._action, cell)
+        self._tool = stretch.assembly(self._use.part) if self._use else frozenset[str]()
         self._hands: dict[str, Array] = {}
 
     def may_touch(self, i: int, j: int, sample: int) -> bool:
@@ -78,6 +82,8 @@ class Contacts:
         if kinds == ("hand", "part"):
             finger = one.name.partition("/")[2] in self._cell.machine.grippers[one.arm].fingers
             return finger and self._grips(one, other, i, j, poses)
+        if {one.name, other.name} & self._tool and not {one.name, other.name} <= self._tool:
+            return self._worked_on(one, other)
         if kinds == ("part", "obstacle"):
             return other.support and self._rests(i, poses)
         if kinds == ("part", "part"):
@@ -99,9 +105,23 @@ class Contacts:
             x, _, z = self._hands[one.arm][sample, :3, :3].T
             opens = x if gripper.fingers.index(one.name.partition("/")[2]) else -x
             return TOLERANCE * np.array([opens if gripper.lip is None else -z])
+        if self._worked_on(one, other):
+            back = self._back(sample)
+            return TOLERANCE * np.array([back if one.name in self._tool else -back])
         if other.kind == "obstacle":
             return TOLERANCE * _UPWARD
         return TOLERANCE * (_APART if self._mated(one.name, other.name) else np.concatenate([_UPWARD, -_UPWARD]))
+
+    def _worked_on(self, one: Body, other: Body) -> bool:
+        """Whether one of two bodies is of the tool that this action uses, and the other what that works on."""
+        return self._use is not None and {one.name, other.name} - self._tool == {self._use.of}
+
+    def _back(self, sample: int) -> Array:
+        """The direction (3,) in the world in which the tool goes back."""
+        assert self._use is not None
+        assert self._use.of is not None
+        direction = self._poses[sample, self._cell.number[self._use.of], :3, :3] @ unit(self._use.approach.direction)
+        return np.asarray(-direction)
 
     def _grips(self, piece: Body, part: Body, i: int, j: int, poses: Array) -> bool:
         """Whether the hand holds the part, takes it or lets it go in this action, or stands where it is about to."""
@@ -135,6 +155,13 @@ class Contacts:
             if event.kind == "attach" and event.carrier in self._stretch.holds
         ]
         return other in self._stretch.assembly(one) or any({one, other} <= both for both in joined)
+
+
+def _used(action: Action, cell: Cell) -> Use | None:
+    """How a tool is used, in an action that brings it to where it works, or back."""
+    if action.kind not in ("press", "withdraw") or action.goal is None:
+        return None
+    return cell.task.goals[action.goal].use
 
 
 def _handles(action: Action, arm: str, part: str) -> bool:

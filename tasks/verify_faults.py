@@ -25,6 +25,7 @@ FAULTS = {
     "carrier": "A carrier takes what it holds already or cannot hold, or lets go what it does not hold.",
     "grasp": "A hand takes a part otherwise than the action's grasp says.",
     "pads": "A hand takes a part, but its pads or its lip do not lie on the part.",
+    "no-touch": "A hand that takes a part reaches into a region of it that no hand may touch.",
     "grip": "The opening of a hand changes while it holds something.",
     "two-hands": "A joint moves while two hands, or a hand and a support, hold one part or assembly.",
     "assembly": "A part is attached to another, or parted from it, otherwise than a goal says.",
@@ -36,6 +37,8 @@ FAULTS = {
     "unsupported": "A part that nobody holds has no support within 1 mm below it.",
     "topples": "A part that nobody holds does not stand safely on what it rests on.",
     "insertion": "A part did not come into place straight, along the whole way that its goal asks for.",
+    "use": "A tool did not come straight to where it is used and straight back, along the whole way, in the same hand.",
+    "interlock": "A part did not go from hand to hand with the single finger of each between the two of the other.",
     "goal": "A goal is not reached, not in its turn, or undone later.",
     "end": "An arm whose hand is empty does not end at home, as the task asks.",
 }

@@ -1,20 +1,23 @@
-"""Goals reached, each in its turn; insertions straight and whole; arms home at the end."""
+"""Goals reached, in their order if they have one; insertions straight and whole; arms home at the end."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from ..transforms import Array, invert, pose, pose_distance
+from ..transforms import invert, pose, transform_points
 from .document import Plan
-from .task import At, Attach, Goal, Place
+from .task import Area, Attach, Goal, Place
 from .verify_cell import Cell
 from .verify_faults import Findings
-from .verify_holds import REACHED, TURNED, Stretch
+from .verify_holds import REACHED, Stretch
+from .verify_interlock import apart
 from .verify_motion import SAME, Curve
+from .verify_rest import BELOW, touched
+from .verify_use import Uses
+from .verify_ways import allowed, crooked, looks, off, unit
 
-OFF_LINE = 0.3e-3  # m
-OFF_TURN = float(np.deg2rad(0.3))
-_LOOKS = 20  # along each segment of an insertion
+_UPRIGHT = float(np.deg2rad(1.0))
 
 
 class Goals:
@@ -30,35 +33,66 @@ class Goals:
 
     def __init__(self, plan: Plan, cell: Cell, curves: list[Curve], ends: list[Stretch], findings: Findings) -> None:
         self._plan, self._cell, self._curves, self._ends, self._findings = plan, cell, curves, ends, findings
+        self._uses = Uses(plan, cell, curves, ends)
         flanges = [cell.flanges(curve.values[-1:]) for curve in curves]
         self._poses = [
             {part: where[0] for part, where in end.poses(at).items()} for end, at in zip(ends, flanges, strict=True)
         ]
 
     def check(self) -> None:
-        """Look at all goals, in their order, and at the way home."""
+        """Look at all goals, and at the way home."""
         goals, last = self._cell.task.goals, len(self._ends) - 1
-        moment = 0
-        for number, goal in enumerate(goals):
-            misses = [self._missed(goal, k) for k in range(moment, last + 1)]
-            mine = [k for k, action in enumerate(self._plan.actions) if action.goal == number]
-            at = mine[-1] if mine else last
-            if all(misses):
-                words = f"goal {number} is not reached: {self._missed(goal, max(at, moment))}"
-                self._report("goal", words, max(at, moment), _named(goal))
-                continue
-            moment += next(k for k, missed in enumerate(misses) if not missed)
-            if misses[-1] and not goal.hand_over and not self._taken_on(goal, goals[number + 1 :]):
-                words = f"goal {number} is undone at the end: {misses[-1]}"
-                self._report("goal", words, last, _named(goal))
-        for goal in goals:
+        moments = self._moments()
+        for number, (goal, moment) in enumerate(zip(goals, moments, strict=True)):
             if goal.attach is not None:
                 self._check_insertion(goal.attach)
+            if moment is None or goal.hand_over or goal.use:
+                continue
+            later = goals[number + 1 :]
+            if self._cell.task.order == "free":
+                later = tuple(g for g, when in zip(goals, moments, strict=True) if when is not None and when > moment)
+            missed = self._missed(goal, last)
+            if missed and not self._taken_on(goal, later):
+                self._report("goal", f"goal {number} is undone at the end: {missed}", last, _named(goal))
         if self._cell.task.end == "home":
             self._check_home()
 
+    def _moments(self) -> list[int | None]:
+        """The action at whose end each goal is first reached; none, and a fault, where it is not.
+
+        In a fixed order that is not before the goal before it. In a free one it is one of the goal's own actions, if it
+        has any: it may be reached from the start. A tool is used by a press of the goal's own in either.
+        """
+        free, last = self._cell.task.order == "free", len(self._ends) - 1
+        moments: list[int | None] = []
+        since = 0
+        for number, goal in enumerate(self._cell.task.goals):
+            mine = [k for k, action in enumerate(self._plan.actions) if action.goal == number]
+            mine = [k for k in mine if goal.use is None or self._plan.actions[k].kind == "press"]
+            ks = mine if goal.use or (free and mine) else range(since, last + 1)
+            reached = [k for k in ks if k >= since and not self._missed(goal, k)]
+            flaws = {k: self._flaw(goal, k) for k in reached}
+            moment = next((k for k in reached if not flaws[k]), next(iter(reached), None))
+            moments.append(moment)
+            if moment is None:
+                at = max(mine[-1] if mine else last, since)
+                self._report("goal", f"goal {number} is not reached: {self._missed(goal, at)}", at, _named(goal))
+                continue
+            if flaws[moment]:
+                self._report("use" if goal.use else "interlock", flaws[moment], moment, _named(goal))
+            since = 0 if free else moment
+        return moments
+
     def _report(self, name: str, words: str, k: int, bodies: tuple[str, ...]) -> None:
         self._findings.add(name, words, action=k, time=self._ends[k].end, bodies=bodies)
+
+    def _flaw(self, goal: Goal, k: int) -> str:
+        """What is wrong with how the goal was reached after action ``k``; empty if nothing is."""
+        if goal.use is not None:
+            return self._uses.flaw(goal.use, k)
+        if goal.hand_over is not None and goal.hand_over.interlocked:
+            return apart(goal.hand_over, self._plan, self._cell, self._curves, self._ends, k)
+        return ""
 
     def _missed(self, goal: Goal, k: int) -> str:
         """What is missing to the goal at the end of action ``k``; empty if it is reached."""
@@ -70,18 +104,40 @@ class Goals:
             attached = to in [hold.carrier for hold in end.holds[part]]
             then = "place" if hands == "nothing" else "hold"
             right = then == goal.attach.then or (then == "place" and self._stood(goal.attach))
-            off = _off(part, invert(poses[to]) @ poses[part], goal.attach.at)
+            missed = off(part, invert(poses[to]) @ poses[part], pose(goal.attach.at.xyz, goal.attach.at.rpy))
             wrong = "" if right else f"{part} on {to} is held by {hands}, and the goal says {goal.attach.then}"
-            return (wrong or off) if attached else f"{part} is not attached to {to}"
+            return (wrong or missed) if attached else f"{part} is not attached to {to}"
         if goal.place is not None:
-            arm = goal.place.arm
-            held = hands == "nothing" and arm in (None, self._released_by(goal.place, k))
-            wrong = f"{part} is held by {hands}, or was not put down by the {arm or 'right'} arm"
-            return _off(part, poses[part], goal.place.at) if held else wrong
+            if hands != "nothing" or goal.place.arm not in (None, self._released_by(goal.place, k)):
+                return f"{part} is held by {hands}, or was not put down by the {goal.place.arm or 'right'} arm"
+            if goal.place.area is not None:
+                return self._astray(part, goal.place.area, k)
+            assert goal.place.at is not None
+            return off(part, poses[part], allowed(goal.place.at, goal.place.any_turn, poses[part]))
         if goal.hand_over is not None:
-            off = _off(part, poses[part], goal.hand_over.at)
-            return off if hands == goal.hand_over.to else f"{part} is held by {hands}"
-        return "it says nothing"
+            missed = off(part, poses[part], allowed(goal.hand_over.at, goal.hand_over.any_turn, poses[part]))
+            return missed if hands == goal.hand_over.to else f"{part} is held by {hands}"
+        return self._uses.missed(goal.use, k) if goal.use is not None else "it says nothing"
+
+    def _astray(self, part: str, area: Area, k: int) -> str:
+        """What keeps a part, with what it is assembled to, from lying in an area as that asks; empty if nothing."""
+        cell, poses, members = self._cell, self._poses[k], self._ends[k].assembly(part)
+        on = cell.standing[area.on]
+        if not touched(cell, members, poses, {area.on: on}, BELOW):
+            return f"{part} does not lie on {area.on}"
+        if area.up is not None:
+            tilt = np.arccos(np.clip((poses[part][:3, :3] @ unit(area.up))[2], -1.0, 1.0))
+            if tilt > _UPRIGHT:
+                return f"{part} is {np.rad2deg(tilt):.2f} deg off the direction that shall point up"
+        meshes = cell.solids.meshes
+        within = transform_points(on, meshes[cell.number[area.on]].vertices)[:, :2]
+        if area.corners is not None:
+            (x, y), (u, v) = area.corners
+            within = np.array([[x, y], [u, y], [u, v], [x, v]])
+        outline = np.concatenate([transform_points(poses[m], meshes[cell.number[m]].vertices) for m in members])[:, :2]
+        sides = ConvexHull(within).equations
+        beyond = (outline @ sides[:, :2].T + sides[:, 2]).max()
+        return f"{part} reaches {1e3 * beyond:.2f} mm out of its area" if beyond > REACHED else ""
 
     def _stood(self, goal: Attach) -> bool:
         """Whether the part that another is joined to stood somewhere then: there is nothing to be held on to."""
@@ -108,35 +164,20 @@ class Goals:
                 if (event.kind, event.part, event.carrier) != ("attach", goal.part, goal.to):
                     continue
                 before = self._ends[k - 1] if k else self._ends[0]
-                words = self._crooked(goal, k, event.time, before) or self._elsewhere(goal, k, before)
+                poses = looks(self._cell, self._curves[k], before, event.time)
+                wanted = pose(goal.at.xyz, goal.at.rpy)
+                words = crooked(goal.part, invert(poses[goal.to]) @ poses[goal.part], wanted, goal.insert)
+                words = words or self._elsewhere(goal, k, before)
                 if words:
                     self._findings.add("insertion", words, action=k, time=event.time, bodies=[goal.part, goal.to])
-
-    def _crooked(self, goal: Attach, k: int, end: float, before: Stretch) -> str:
-        curve = self._curves[k]
-        knots = np.append(curve.times[curve.times < end], end)
-        places = np.linspace(0.0, len(knots) - 1.0, _LOOKS * (len(knots) - 1) + 1)
-        poses = before.poses(self._cell.flanges(curve.at(np.interp(places, np.arange(len(knots)), knots))))
-        to_from_part = invert(poses[goal.to]) @ poses[goal.part]
-        wanted, way = pose(goal.at.xyz, goal.at.rpy), np.array(goal.insert.direction)
-        way /= np.linalg.norm(way)
-        offset = to_from_part[:, :3, 3] - wanted[:3, 3]
-        left = -offset @ way
-        short = float(goal.insert.distance) - left[0]
-        if short > OFF_LINE:
-            return f"{goal.part} comes straight for {1e3 * left[0]:.2f} mm, {1e3 * short:.2f} mm too short a way"
-        inside = left <= goal.insert.distance
-        aside = np.linalg.norm(offset + left[:, None] * way, axis=1)[inside].max(initial=0.0)
-        turned = pose_distance(to_from_part, wanted)[1][inside].max(initial=0.0)
-        if aside > OFF_LINE or turned > OFF_TURN:
-            return f"{goal.part} comes {1e3 * aside:.2f} mm and {np.rad2deg(turned):.2f} deg off the straight way"
-        return ""
 
     def _elsewhere(self, goal: Attach, k: int, before: Stretch) -> str:
         for part, arm in ((goal.part, goal.arm), (goal.to, goal.to_arm)):
             if arm is not None and arm not in before.hands(before.assembly(part)):
                 return f"{part} is not held by the {arm} arm"
-        return "" if goal.where is None else _off(goal.to, self._poses[k][goal.to], goal.where)
+        if goal.where is None:
+            return ""
+        return off(goal.to, self._poses[k][goal.to], pose(goal.where.xyz, goal.where.rpy))
 
     def _check_home(self) -> None:
         machine, end, values = self._cell.machine, self._ends[-1], self._curves[-1].values[-1]
@@ -156,12 +197,4 @@ def _named(goal: Goal) -> tuple[str, ...]:
     """The parts that a goal names."""
     if goal.attach is not None:
         return goal.attach.part, goal.attach.to
-    return tuple(entry.part for entry in (goal.place, goal.hand_over) if entry is not None)
-
-
-def _off(part: str, at: Array, wanted: At) -> str:
-    """By how much a part misses a pose; empty if it is there."""
-    apart, turned = (float(x) for x in pose_distance(at, pose(wanted.xyz, wanted.rpy)))
-    if apart <= REACHED and turned <= TURNED:
-        return ""
-    return f"{part} is {1e3 * apart:.3f} mm and {np.rad2deg(turned):.3f} deg off"
+    return tuple(entry.part for entry in (goal.place, goal.hand_over, goal.use) if entry is not None)

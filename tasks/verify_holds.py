@@ -233,24 +233,38 @@ class _Events:
         if off_surface > 0.0:
             words = f"a pad of the {arm} hand is {1e3 * off_surface:.2f} mm farther from {part} than it may be"
             self._fault("pads", event, words)
+        self._check_no_touch(event, at, world_from_part)
+
+    def _check_no_touch(self, event: Event, at: Array, world_from_part: Array) -> None:
+        """No piece of the hand that takes a part reaches into a region of it that no hand may touch."""
+        cell, arm = self._cell, event.carrier
+        q, openings = cell.split(at)
+        links = cell.machine.flanges(q)[arm][0] @ cell.machine.grippers[arm].links(openings[arm])[0]
+        pieces = [(i, body) for i, body in enumerate(cell.bodies) if body.kind == "hand" and body.arm == arm]
+        for k, region in enumerate(cell.task.parts[event.part].no_touch):
+            world_from_region = world_from_part @ pose(region.at.xyz, region.at.rpy)
+            sides = np.maximum(np.array(region.box) - 2.0 * REACHED, _DOT)
+            for i, body in pieces:
+                if cell.solids.touches_box(i, links[body.link], sides, world_from_region):
+                    self._fault("no-touch", event, f"{body.name} is in region {k} of {event.part}")
 
     def _off_surface(self, arm: str, part: str, at: Array, world_from_part: Array) -> float:
         """How much farther than allowed the farthest pad, or point of the lip, is from the part [m]."""
         gripper, solids, number = self._cell.machine.grippers[arm], self._cell.solids, self._cell.number[part]
         q, openings = self._cell.split(at)
-        links = self._cell.machine.flanges(q)[arm] @ gripper.links(openings[arm])[0]
+        flange = self._cell.machine.flanges(q)[arm][0]
         if gripper.lip is not None:
             link, radius, compliance = gripper.lip
             turns = np.linspace(0.0, 2.0 * np.pi, _LIP_POINTS, endpoint=False)
             ring = radius * np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=1)
-            points = transform_points(links[link], ring)
+            points = transform_points(flange @ gripper.links(openings[arm])[0, link], ring)
             dots = points[:, None] + _DOT * np.eye(3)
             gaps = [solids.distance_to_triangles(dot[None], number, world_from_part) for dot in dots]
             return max(gaps) - max(ON_SURFACE, compliance)
-        gaps = []
-        for link, (y, z) in zip(gripper.pads, gripper.sizes / 2.0, strict=True):
-            face = transform_points(links[link], np.array([[0, -y, -z], [0, y, -z], [0, y, z], [0, -y, z]]))
-            gaps.append(solids.distance_to_triangles(face[[[0, 1, 2], [0, 2, 3]]], number, world_from_part))
+        gaps = [
+            solids.distance_to_triangles(face[[[0, 1, 2], [0, 2, 3]]], number, world_from_part)
+            for face in transform_points(flange, gripper.faces(openings[arm])[0])
+        ]
         allowed = self._cell.task.parts[part].grasps.t_dct
         farther = max(gaps[1:]) - (_PAIR_OFF if allowed is None else float(allowed))
         return max(gaps[0] - ON_SURFACE, min(gaps[1:]) - ON_SURFACE, farther if len(gaps) > 2 else -np.inf)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,30 +60,21 @@ class Resting:
         others = {name: where for name, where in free.items() if name not in members}
         supports = {body.name for body in self.cell.bodies if body.support}
         others |= {name: where for name, where in self.cell.standing.items() if name in supports}
-        touched = self._touched(members, free, others, BELOW)
-        if not touched:
+        below = touched(self.cell, members, free, others, BELOW)
+        if not below:
             return "unsupported", f"nothing lies within {1e3 * BELOW:g} mm below {' and '.join(members)}"
         low, high = -TOLERANCE, BELOW
         for _ in range(_HALVINGS):
             middle = (low + high) / 2.0
-            low, high = (low, middle) if self._touched(members, free, others, middle) else (middle, high)
+            low, high = (low, middle) if touched(self.cell, members, free, others, middle) else (middle, high)
         center = self._center(members, free)
         points = self._region(members, free, others, high + TOLERANCE)
         tilt = _tilt(points, center)
         if tilt < LEAST_TILT:
-            words = f"{' and '.join(members)} would topple off {' and '.join(touched)}: "
+            words = f"{' and '.join(members)} would topple off {' and '.join(below)}: "
             words += f"the centre of mass is {np.rad2deg(tilt):.1f} deg from toppling, {np.rad2deg(LEAST_TILT):.0f} deg"
             return "topples", words + " is the least"
         return "", ""
-
-    def _touched(self, members: list[str], free: dict[str, Array], others: dict[str, Array], drop: float) -> list[str]:
-        """What the assembly touches once it is lower by ``drop`` [m]."""
-        down, number = pose(drop * _DOWN), self.cell.number
-        return [
-            other
-            for other, where in others.items()
-            if any(self.cell.solids.touch(number[m], down @ free[m], number[other], where) for m in members)
-        ]
 
     def _region(self, members: list[str], free: dict[str, Array], others: dict[str, Array], drop: float) -> Array:
         """Points (k, 3) around where the assembly rests: its surface and its supports' cross there once it is lower."""
@@ -110,6 +102,26 @@ class Resting:
             mass = entry.mass if entry.mass is not None else float(entry.density or 1.0) * abs(solid.volume)
             self._weights[part] = float(mass), np.asarray(solid.center_mass)
         return self._weights[part]
+
+
+def touched(
+    cell: Cell, members: Iterable[str], poses: Mapping[str, Array], others: Mapping[str, Array], drop: float
+) -> list[str]:
+    """What parts touch once they are lower by ``drop`` [m].
+
+    Args:
+        cell: The cell.
+        members: The parts.
+        poses: Pose (4, 4) in the world of every part.
+        others: The same of what they may touch.
+        drop: How much lower they are [m].
+    """
+    down, number = pose(drop * _DOWN), cell.number
+    return [
+        other
+        for other, where in others.items()
+        if any(cell.solids.touch(number[m], down @ poses[m], number[other], where) for m in members)
+    ]
 
 
 def _tilt(points: Array, center: Array) -> float:

@@ -8,7 +8,7 @@ import fcl
 import numpy as np
 import trimesh
 
-from ..transforms import Array, transform_points
+from ..transforms import Array, invert, transform_points
 
 _MOST_CONTACTS = 200_000
 _ON_EDGE = 1e-9  # barycentric slack, so that no crossing is lost between two triangles
@@ -41,6 +41,14 @@ class Solids:
         self.count += 1
         pair = self._placed(i, world_from_i), self._placed(j, world_from_j)
         return max(float(fcl.distance(*pair, fcl.DistanceRequest(), fcl.DistanceResult())), 0.0)
+
+    def touches_box(self, i: int, world_from_i: Array, sides: Array, world_from_box: Array) -> bool:
+        """Whether the surface of body i meets a solid box of ``sides`` (3,) [m], or goes around its middle."""
+        box = fcl.CollisionObject(fcl.Box(*sides), fcl.Transform(world_from_box[:3, :3], world_from_box[:3, 3]))
+        pair = self._placed(i, world_from_i), box
+        if fcl.collide(*pair, fcl.CollisionRequest(), fcl.CollisionResult()):
+            return True
+        return inside((invert(world_from_i) @ world_from_box)[:3, 3], self.meshes[i])
 
     def distance_to_triangles(self, corners: Array, i: int, world_from_i: Array) -> float:
         """Distance between triangles (t, 3, 3) in the world and the surface of body i [m]."""

@@ -227,6 +227,34 @@ def test_a_route_whose_grasps_are_struck_out_does_not_come_again(pool):
     assert struck > 3
 
 
+class Fewer:
+    """Pairs of grasps that go together in a pool, but for those of even grasps of the taker's."""
+
+    def __init__(self, pool: Pool, giver: str, taker: str, chosen: dict[str, np.ndarray]) -> None:
+        self.known = pool.clear[giver, taker][np.ix_(chosen[giver], chosen[taker])]
+
+    def clear(self, given: np.ndarray, taken: np.ndarray) -> np.ndarray:
+        return self.known[np.ix_(given, taken)] & (taken % 2 == 1)
+
+
+def test_given_pairs_decide_which_grasps_meet_at_a_handover(pool):
+    """From the left hand into the right one only odd grasps go; the other way as ever."""
+    seen: Counter[tuple[str, str]] = Counter()
+    for seed in range(60):
+        start, goal, between, chosen = drawn(pool, seed)
+        air = [node for node in between if node.support is None]
+        pairs = {("left", "right"): Fewer(pool, "left", "right", chosen)}
+        graph = RegraspGraph(Known(pool.reacher, chosen), start, None, air, pairs)
+        assert graph.pairs("left", "right") is pairs["left", "right"]
+        assert isinstance(graph.pairs("right", "left"), HandoverPairs)
+        for route in itertools.islice(graph.routes([Goal(goal, allowed(chosen))], most_regrasps=1), 10):
+            if route.regrasps:
+                (taken,) = np.nonzero(route.masks[1])
+                assert route.arms == ("right", "left") or (taken % 2 == 1).all()
+                seen[route.arms] += bool((taken % 2 == 0).any()) or route.arms == ("left", "right")
+    assert all(seen[arms] >= 2 for arms in itertools.permutations(ARMS))
+
+
 def test_goals_that_no_grasp_reaches_are_given_up(pool):
     start, goal, between, chosen = drawn(pool, 0)
     graph, _ = searched(pool, start, goal, between, chosen)

@@ -231,6 +231,18 @@ def test_a_nearly_flat_bottom_of_many_faces_is_one_face(rng):
     np.testing.assert_allclose(placements.margin, smooth.margin, atol=np.radians(1.0))
 
 
+@pytest.mark.parametrize("chosen", [[4, 0, 4], [5], []])
+def test_taking_placements_takes_all_that_is_told_of_them(chosen):
+    whole = find_placements(part_of(trimesh.creation.box([0.05, 0.04, 0.02])))
+    taken = whole.take(np.array(chosen, dtype=np.int64))
+    assert len(taken) == len(taken.support) == len(taken.outline) == len(chosen)
+    for name in ("surface_from_part", "margin", "height", "share"):
+        np.testing.assert_array_equal(getattr(taken, name), getattr(whole, name)[chosen])
+    for k, i in enumerate(chosen):
+        np.testing.assert_array_equal(taken.support[k], whole.support[i])
+        np.testing.assert_array_equal(taken.outline[k], whole.outline[i])
+
+
 def test_a_weight_outside_the_hull_is_refused():
     box = part_of(trimesh.creation.box([0.04, 0.03, 0.02]))
     wrong = Part("box", box.mesh, 0.1, np.array([0.03, 0.0, 0.0]), watertight=True)

@@ -67,6 +67,18 @@ def test_turning_keeps_areas_and_turns_each_corner(seed):
             np.testing.assert_allclose(high, [corners.real.max(), corners.imag.max()], atol=1e-12)
 
 
+@laws
+@given(seeds)
+def test_taking_polygons_keeps_them_as_they_are_in_any_order(seed):
+    rng = np.random.default_rng(seed)
+    listed = random_polygons(rng, 5)
+    chosen = rng.integers(0, 5, rng.integers(0, 7))
+    taken = Polygons.of(listed).take(chosen)
+    assert len(taken) == len(chosen)
+    for polygon, i in zip((taken[k] for k in range(len(chosen))), chosen, strict=True):
+        np.testing.assert_array_equal(polygon, listed[i])
+
+
 def test_areas():
     np.testing.assert_allclose(Polygons.of([SQUARE, SQUARE[:3], 2.0 * SQUARE]).area, [1.0, 0.5, 4.0])
 

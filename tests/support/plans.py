@@ -151,6 +151,67 @@ def standing_plan() -> Plan:
     return job.plan()
 
 
+@cache
+def use_plan() -> Plan:
+    """A valid plan of seven actions: the left hand takes a block, brings its end to a plate on the table, and back."""
+    top, distance = 0.02, 0.04
+    plate = {"name": "plate", "box": [0.06, 0.06, 2.0 * top], "at": {"xyz": [0.35, 0.38, top - 0.05]}}
+    goal = {
+        "part": "block",
+        "frame": "tip",
+        "of": "plate",
+        "at": {"xyz": [0.0, 0.0, top], "rpy": [np.pi, 0.0, 0.0]},
+        "approach": {"direction": [0.0, 0.0, -1.0], "distance": distance},
+    }
+    block = {**TASK["parts"]["block"], "frames": {"tip": {"xyz": [0.0, 0.0, -0.06], "rpy": [np.pi, 0.0, 0.0]}}}
+    task = {**TASK, "cell": [*TASK["cell"], plate], "parts": {"block": block}, "goals": [{"use": goal}]}
+    job = Job(task, {"block": MESHES["block"]()})
+    job.goal = 0
+    used = pose(plate["at"]["xyz"]) @ pose(**goal["at"]) @ invert(pose(**block["frames"]["tip"]))
+    before = pose([0.0, 0.0, distance]) @ used
+
+    def work(grasp: GraspUse) -> None:
+        job.take("left", "block", grasp)
+        job.lift("left", "block", grasp)
+        job.carry("left", "block", before, grasp)
+        job.worked_on = [Contact("plate", "block", np.array([0.0, 0.0, 1.0]))]
+        for kind, where in (("press", used), ("withdraw", before)):
+            job.line("left", "block", where @ grasp.part_from_hand, grasp, kind, f"{kind} the block", INSERTION)
+
+    job.tried(zip(job.grasps("block", np.array([0.0, 0.0, -1.0]), 0.04)[:6]), work)
+    return job.plan()
+
+
+@cache
+def interlocked_plan() -> Plan:
+    """A valid plan of eleven actions on an HRP-5P: a bar goes from hand to hand, the fingers interlocked."""
+    over = {"xyz": [0.45, 0.05, 0.45]}
+    goal = {"part": "bar", "to": "left", "at": over, "interlocked": True}
+    table = {"name": "table", "box": [0.5, 1.2, 0.02], "at": {"xyz": [0.55, 0.0, 0.14]}, "support": True}
+    bar = {"mesh": "bar.stl", "unit": "m", "mass": 0.2, "at": {"xyz": [0.5, -0.15, 0.25]}}
+    task = {
+        **TASK,
+        "robot": "hrp5p",
+        "hands": dict.fromkeys(("left", "right"), "hrp5p_three_finger"),
+        "cell": [table],
+        "parts": {"bar": bar},
+        "goals": [{"hand_over": goal}],
+    }
+    job = Job(task, {"bar": trimesh.creation.box([0.03, 0.04, 0.2])})
+    job.goal = 0
+    # The giver's hand looks along y, its pair one above the other; the taker's is turned by a half about that line.
+    giver = pose(rpy=[-np.pi / 2, 0.0, 0.0])
+    first, second = (_across(hand, 0.03, 0.08) for hand in (giver, giver @ pose(rpy=[0.0, np.pi, 0.0])))
+    job.take("right", "bar", first)
+    job.lift("right", "bar", first)
+    job.carry("right", "bar", pose(**over), first)
+    job.take("left", "bar", second)
+    job.release("right", "bar", first)
+    job.goal = None
+    job.go_home("right")
+    return job.plan()
+
+
 class Job:
     """A scene, where everything in it is, and the actions so far."""
 
@@ -170,6 +231,7 @@ class Job:
         self.goal: int | None = None
         self.grips: dict[str, tuple[str, GraspUse]] = {}  # by arm: the part that its pads may touch, and how
         self.standing = set(self.parts)  # parts that may touch the table
+        self.worked_on: list[Contact] = []  # where a tool may touch what it is used on
 
     # What an action is made of ----------------------------------------------------------------------------------------
 
@@ -319,6 +381,7 @@ class Job:
     def _touching(self):
         """The state with what may touch in it: standing parts and the table, pads and what they hold."""
         contacts = [Contact("table", part, np.array([0.0, 0.0, 1.0])) for part in sorted(self.standing)]
+        contacts += self.worked_on
         for arm, (part, grasp) in self.grips.items():
             closing, _, approach = np.array(grasp.part_from_hand)[:3, :3].T
             hand = self.robot.hands[arm]
@@ -423,4 +486,17 @@ def _use(grasps: GraspSet, i: int) -> GraspUse:
         contacts=tuple(map(tuple, grasps.contacts[i].tolist())),
         normals=tuple(map(tuple, grasps.normals[i].tolist())),
         force=float(grasps.force[i]),
+    )
+
+
+def _across(part_from_hand: Array, width: float, approach_opening: float) -> GraspUse:
+    """A grasp across the part's origin, of ``width`` [m] there."""
+    closing = part_from_hand[:3, 0]
+    return GraspUse(
+        part_from_hand=matrix(part_from_hand),
+        opening=width,
+        approach_opening=approach_opening,
+        contacts=tuple(tuple(side * width / 2.0 * closing) for side in (-1.0, 1.0)),
+        normals=tuple(tuple(side * closing) for side in (-1.0, 1.0)),
+        force=100.0,
     )

@@ -19,7 +19,7 @@ from kumitate.robots.state import Contact, SceneState
 from kumitate.transforms import Array, invert, pose_distance, transform_points
 
 FREE_STEP, LINE_STEP = 1e-3, 0.2e-3  # m between two looks: a fifth of the planner's
-STRAIGHT = {"approach", "retreat", "lift", "lower", "insert"}
+STRAIGHT = {"approach", "retreat", "lift", "lower", "insert", "press", "withdraw"}
 _SAME = 1e-9
 
 

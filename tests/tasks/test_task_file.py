@@ -13,6 +13,7 @@ import yaml
 
 from kumitate.errors import InputError
 from kumitate.tasks.task import (
+    Area,
     At,
     Attach,
     Goal,
@@ -24,7 +25,9 @@ from kumitate.tasks.task import (
     OwnRobot,
     PartEntry,
     Place,
+    Region,
     Task,
+    Use,
 )
 from kumitate.tasks.task_file import checked_task, in_file, read_task, task_of, task_schema, task_to_builtins
 
@@ -47,6 +50,11 @@ parts:
     density: 2.7 g/cm3
     at: {xyz: [1, 2 in, -5e-2]}
     grasps: {theta_pln: 10 deg, n_da: 4}
+    frames:
+      rim: {xyz: [0, 22 mm, 0]}
+      hub: {rpy: [0, 90 deg, 0]}
+    no_touch:
+      - {box: [5 mm, 1 cm, 0.02], at: {xyz: [0, 0, 3 mm]}}
 goals:
   - attach:
       part: wheel
@@ -55,8 +63,14 @@ goals:
       insert: {direction: [0, -1, 0], distance: 70 mm}
   - place: {part: support, at: {}, arm: left}
   - hand_over: {part: wheel, to: right, at: {}}
+  - place: {part: wheel, area: {on: table, corners: [[30 cm, -0.2], [0.5, 0.2]], up: [0, 0, -1]}}
+  - place: {part: wheel, at: {rpy: [0, -90 deg, 0]}, any_turn: [-2, 0, 0]}
+  - hand_over: {part: wheel, to: left, at: {}, any_turn: [0, 1, 0], interlocked: true}
+  - use: {part: wheel, frame: rim, at: {}, of: table, approach: {direction: [0, 0, -1], distance: 5 cm}, arm: right}
+  - use: {part: wheel, frame: hub, at: {}, approach: {direction: [1, 0, 0], distance: 0.1}, any_turn: [0, 0, 1]}
 start: {LARM_JOINT0: 20 deg, RARM_JOINT0: 0.1}
 end: stay
+order: free
 """
 TASK = Task(
     robot="nextage",
@@ -66,16 +80,28 @@ TASK = Task(
     parts={
         "support": PartEntry("../parts/support.stl", "mm", At(rpy=(0, -pi / 2, 0)), mass=0.06),
         "wheel": PartEntry(
-            "../parts/wheel.stl", "mm", At((1, 0.0508, -0.05)), density=2700, grasps=Grasping(radians(10), n_da=4)
+            "../parts/wheel.stl",
+            "mm",
+            At((1, 0.0508, -0.05)),
+            density=2700,
+            grasps=Grasping(radians(10), n_da=4),
+            frames={"rim": At((0, 0.022, 0)), "hub": At(rpy=(0, pi / 2, 0))},
+            no_touch=(Region((0.005, 0.01, 0.02), At((0, 0, 0.003))),),
         ),
     },
     goals=(
         Goal(attach=Attach("wheel", "support", At((0, 0.032, 0.01)), Insert((0, -1, 0), 0.07))),
-        Goal(place=Place("support", At(), "left")),
+        Goal(place=Place("support", At(), arm="left")),
         Goal(hand_over=HandOver("wheel", "right", At())),
+        Goal(place=Place("wheel", area=Area("table", ((0.3, -0.2), (0.5, 0.2)), (0, 0, -1)))),
+        Goal(place=Place("wheel", At(rpy=(0, -pi / 2, 0)), any_turn=(-2, 0, 0))),
+        Goal(hand_over=HandOver("wheel", "left", At(), any_turn=(0, 1, 0), interlocked=True)),
+        Goal(use=Use("wheel", "rim", At(), Insert((0, 0, -1), 0.05), of="table", arm="right")),
+        Goal(use=Use("wheel", "hub", At(), Insert((1, 0, 0), 0.1), any_turn=(0, 0, 1))),
     ),
     start={"LARM_JOINT0": radians(20), "RARM_JOINT0": 0.1},
     end="stay",
+    order="free",
 )
 
 
@@ -117,6 +143,12 @@ def test_a_task_survives_the_way_through_json(path):
     assert task_of(json.loads(json.dumps(task_to_builtins(task)))) == task
 
 
+def test_every_field_survives_the_way_through_json(task_file):
+    task = read_task(task_file(TEXT))
+    assert task_of(json.loads(json.dumps(task_to_builtins(task)))) == task
+    assert _accepts(SCHEMA, task_to_builtins(task))
+
+
 def test_builtins_are_plain(task_file):
     def kinds(value):
         yield type(value)
@@ -138,13 +170,15 @@ MISTAKES = [  # what is replaced in the text, by what, and what the message says
     ("speed: 0.5", "speed: &half 0.5\nend: *half", ":6: ", "alias (*half)"),
     ("speed: 0.5", "speed: !!python/name:os.system 0.5", ":5: ", "YAML tag"),
     ("speed: 0.5", "speed: 0.5\n<<: {end: home}", ":6: ", "no text"),
-    ("speed: 0.5", "speed: 0.5\non: 1", ":6: ", "put it in quotes"),
+    ("speed: 0.5", "speed: 0.5\ntrue: 1", ":6: ", "put it in quotes"),
+    ("speed: 0.5", "speed: yes", ":5: speed: ", "expected float, got str"),
+    ("support: true", "support: yes", ":7: cell[0].support: ", "expected bool, got str"),
     ("speed: 0.5", "speed: 0.5\n? [a]\n: 1", ":6: ", "no text"),
     ("speed: 0.5", "speed: [", ":7: ", "no valid YAML"),
     ("speed: 0.5", "speed: 0.5\n---\na: 1", ":6: ", "another document"),
-    ("end: stay", "end: work", ":25: end: ", "give one of home, stay"),
-    ("20 deg, RARM", "20 mm, RARM", ":24: start.LARM_JOINT0: ", "'20 mm' has no unit of angle"),
-    ("20 deg, RARM", ".inf, RARM", ":24: start.LARM_JOINT0: ", "inf is no angle"),
+    ("end: stay", "end: work", ":35: end: ", "give one of home, stay"),
+    ("20 deg, RARM", "20 mm, RARM", ":34: start.LARM_JOINT0: ", "'20 mm' has no unit of angle"),
+    ("20 deg, RARM", ".inf, RARM", ":34: start.LARM_JOINT0: ", "inf is no angle"),
     ("2.7 g/cm3", "2.7 mm", ":13: parts.wheel.density: ", "units: kg/m3, g/cm3"),
     ("2.7 g/cm3", "-1", ":13: parts.wheel.density: ", "more than 0"),
     ("2.7 g/cm3", "0", ":13: parts.wheel.density: ", "more than 0"),
@@ -178,29 +212,59 @@ MISTAKES = [  # what is replaced in the text, by what, and what the message says
     ("box: [", "mesh: ../parts/wheel.stl, unit: mm, box: [", ":7: cell[0]: ", "both given"),
     ("box: [300 mm, 1.32, 20 mm]", "mesh: ../parts/wheel.stl", ":7: cell[0]: ", "without a unit"),
     ("box: [", "unit: mm, box: [", ":7: cell[0]: ", "without a mesh"),
-    ("part: wheel\n", "part: weel\n", ":18: goals[0].attach.part: ", "did you mean 'wheel'"),
-    ("to: support", "to: rack", ":19: goals[0].attach.to: ", "known: support, wheel"),
-    ("to: support", "to: wheel", ":19: goals[0].attach.to: ", "itself"),
-    ("to: support\n", "to: support\n      arm: middle\n", ":20: goals[0].attach.arm: ", "known: left, right"),
+    ("part: wheel\n", "part: weel\n", ":23: goals[0].attach.part: ", "did you mean 'wheel'"),
+    ("to: support", "to: rack", ":24: goals[0].attach.to: ", "known: support, wheel"),
+    ("to: support", "to: wheel", ":24: goals[0].attach.to: ", "itself"),
+    ("to: support\n", "to: support\n      arm: middle\n", ":25: goals[0].attach.arm: ", "known: left, right"),
     (
         "to: support\n",
         "to: support\n      arm: left\n      to_arm: left\n",
-        ":21: goals[0].attach.to_arm: ",
+        ":26: goals[0].attach.to_arm: ",
         "two arms",
     ),
-    ("to: right", "to: wheel", ":23: goals[2].hand_over.to: ", "no arm with a hand named 'wheel'"),
-    ("arm: left}", "arm: lift}", ":22: goals[1].place.arm: ", "did you mean 'left'"),
-    ("[0, -1, 0]", "[0, 0, 0]", ":21: goals[0].attach.insert.direction: ", "no direction"),
-    ("[0, -1, 0]", "[0, .inf, 0]", ":21: goals[0].attach.insert.direction: ", "no direction"),
-    ("distance: 70 mm", "distance: 0", ":21: goals[0].attach.insert.distance: ", "more than 0"),
-    ("distance: 70 mm", "distance: -70 mm", ":21: goals[0].attach.insert.distance: ", "more than 0"),
+    ("to: right", "to: wheel", ":28: goals[2].hand_over.to: ", "no arm with a hand named 'wheel'"),
+    ("arm: left}", "arm: lift}", ":27: goals[1].place.arm: ", "did you mean 'left'"),
+    ("[0, -1, 0]", "[0, 0, 0]", ":26: goals[0].attach.insert.direction: ", "no direction"),
+    ("[0, -1, 0]", "[0, .inf, 0]", ":26: goals[0].attach.insert.direction: ", "no direction"),
+    ("distance: 70 mm", "distance: 0", ":26: goals[0].attach.insert.distance: ", "more than 0"),
+    ("distance: 70 mm", "distance: -70 mm", ":26: goals[0].attach.insert.distance: ", "more than 0"),
     (
         "  - place: {part",
         "  - hand_over: {part: wheel, to: left, at: {}}\n    place: {part",
-        ":22: goals[1]: ",
+        ":27: goals[1]: ",
         "one of",
     ),
-    ("  - place: {", "  - {}\n  - place: {", ":22: goals[1]: ", "says nothing"),
+    ("  - place: {", "  - {}\n  - place: {", ":27: goals[1]: ", "says nothing"),
+    ("hub: {", "'': {", ":16: parts.wheel.frames: ", "empty"),
+    ("hub: {rpy", "hub: {rpi", ":18: parts.wheel.frames.hub.rpi: ", "did you mean 'rpy'"),
+    ("hub: {rpy: [0,", "hub: {rpy: [0 mm,", ":18: parts.wheel.frames.hub.rpy[0]: ", "no unit of angle"),
+    ("rim: {xyz: [0, 22 mm, 0]}", "rim: 22 mm", ":17: parts.wheel.frames.rim: ", "expected mapping, got str"),
+    ("[5 mm, 1 cm, 0.02]", "[5 mm, 1 cm, -0.02]", ":20: parts.wheel.no_touch[0].box: ", "above 0"),
+    ("[5 mm, 1 cm, 0.02]", "[5 mm, 1 cm]", ":20: parts.wheel.no_touch[0].box: ", "length 3, got 2"),
+    ("order: free", "order: any", ":36: order: ", "give one of fixed, free"),
+    ("area: {on: table", "at: {}, area: {on: table", ":29: goals[3].place: ", "at and area are both given"),
+    ("{part: support, at: {}, arm", "{part: support, arm", ":27: goals[1].place: ", "neither at nor area"),
+    ("[0, 0, -1]}}", "[0, 0, -1]}, any_turn: [0, 0, 1]}", ":29: goals[3].place.any_turn: ", "leave it out"),
+    ("area: {on: table", "area: {on: tabel", ":29: goals[3].place.area.on: ", "did you mean 'table'"),
+    ("area: {on: table", "area: {on: wheel", ":29: goals[3].place.area.on: ", "known: table"),
+    (", support: true", "", ":29: goals[3].place.area.on: ", "add support: true"),
+    ("[[30 cm, -0.2]", "[[50 cm, -0.2]", ":29: goals[3].place.area.corners: ", "differ in x and in y"),
+    ("[[30 cm, -0.2]", "[[30 cm, 0.2]", ":29: goals[3].place.area.corners: ", "differ in x and in y"),
+    ("[[30 cm, -0.2]", "[[30 cm, far]", ":29: goals[3].place.area.corners[0][1]: ", "write a length such as"),
+    ("up: [0, 0, -1]", "up: [0, 0, 0]", ":29: goals[3].place.area.up: ", "no direction"),
+    ("any_turn: [-2, 0, 0]", "any_turn: [0, 0, 0]", ":30: goals[4].place.any_turn: ", "no direction"),
+    ("any_turn: [-2, 0, 0]", "any_turn: [0, 0, 1]", ":30: goals[4].place.any_turn: ", "vertical there: [1, 0, 0]"),
+    ("any_turn: [0, 1, 0]", "any_turn: [0, .inf, 0]", ":31: goals[5].hand_over.any_turn: ", "no direction"),
+    ("frame: rim", "frame: rum", ":32: goals[6].use.frame: ", "did you mean 'rim'"),
+    ("use: {part: wheel", "use: {part: support", ":32: goals[6].use.frame: ", "support has no frame named 'rim'"),
+    ("use: {part: wheel", "use: {part: weel", ":32: goals[6].use.part: ", "did you mean 'wheel'"),
+    ("of: table", "of: tables", ":32: goals[6].use.of: ", "did you mean 'table'"),
+    ("of: table", "of: wheel", ":32: goals[6].use.of: ", "the tool itself"),
+    ("of: table", "of: left", ":32: goals[6].use.of: ", "known: table, support"),
+    ("arm: right}", "arm: write}", ":32: goals[6].use.arm: ", "did you mean 'right'"),
+    ("[0, 0, -1], distance", "[0, 0, 0], distance", ":32: goals[6].use.approach.direction: ", "no direction"),
+    ("distance: 5 cm", "distance: 0", ":32: goals[6].use.approach.distance: ", "more than 0"),
+    ("any_turn: [0, 0, 1]}", "any_turn: [0, 0, .nan]}", ":33: goals[7].use.any_turn: ", "no direction"),
     ("left: robotiq_2f85", "left: {hnd: x}", ":3: hands.left.hnd: ", "did you mean 'hand'"),
     ("left: robotiq_2f85", "left: 5", ":3: hands.left: ", "got int"),
     ("left: robotiq_2f85", "left: own.yaml", ":3: hands.left: ", "own.yaml; check the path"),
@@ -233,6 +297,25 @@ def test_what_is_no_task_is_told_with_the_file(task_file, text):
         read_task(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_words_that_yaml_once_took_for_truth_values_are_names(task_file):
+    read = read_task(task_file(TEXT.replace("wheel:", "no:").replace(": wheel", ": no").replace("table", "off")))
+    assert set(read.parts) == {"support", "no"}
+    assert read.goals[3].place == Place("no", area=Area("off", ((0.3, -0.2), (0.5, 0.2)), (0, 0, -1)))
+
+
+def test_the_entry_that_is_named_is_the_wrong_one_among_others_alike(task_file):
+    right, wrong = "frames: {tip: {xyz: [0, 0, 0]}, end: {xyz: 5}}", "frames: {end: {xyz: [0, 0, 0]}, tip: {xyz: 5}}"
+    for first, second, place in (
+        (right, wrong, ":9: parts.support.frames.end.xyz: "),
+        (wrong, right, "support.frames.tip.xyz: "),
+    ):
+        text = TEXT.replace("mass: 60 g", f"mass: 60 g, {first}").replace("    density:", f"    {second}\n    density:")
+        i = text.index("    frames:\n")
+        text = text[:i] + text[text.index("    no_touch:") :]
+        with pytest.raises(InputError, match=re.escape(place)):
+            read_task(task_file(text))
 
 
 def test_aliases_that_would_blow_up_are_refused_at_the_first(task_file):
@@ -301,9 +384,14 @@ def test_an_error_about_a_field_gets_file_and_line(task_file):
 SCHEMA = task_schema()
 
 
+def _data(text):
+    """What ``text`` says in YAML 1.2, in which ``on`` is no truth value."""
+    return yaml.safe_load(re.sub(r"\bon:", '"on":', text))
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_the_schema_accepts_the_examples(path):
-    assert _accepts(SCHEMA, yaml.safe_load(path.read_text()))
+    assert _accepts(SCHEMA, _data(path.read_text()))
     assert _accepts(SCHEMA, task_to_builtins(read_task(path)))
 
 
@@ -318,13 +406,25 @@ TYPE_MISTAKES = [
     ("    unit: mm\n", ""),
     ("left: robotiq_2f85", "left: {hnd: x}"),
     ("robot: nextage\n", ""),
+    ("hub: {rpy", "hub: {rpi"),
+    ("rim: {xyz: [0, 22 mm, 0]}", "rim: 22 mm"),
+    ("[5 mm, 1 cm, 0.02]", "[5 mm, 1 cm]"),
+    ("area: {on: table, ", "area: {"),
+    ("[[30 cm, -0.2], [0.5, 0.2]]", "[[30 cm, -0.2]]"),
+    ("[[30 cm, -0.2]", "[[30 deg, -0.2]"),
+    ("up: [0, 0, -1]", "up: [0, 0]"),
+    ("any_turn: [-2, 0, 0]", "any_turn: 1"),
+    ("interlocked: true", "interlocked: 1"),
+    ("frame: rim, ", ""),
+    ("direction: [1, 0, 0], ", ""),
+    ("order: free", "order: any"),
 ]
 
 
 @pytest.mark.parametrize(("old", "new"), TYPE_MISTAKES)
 def test_the_schema_refuses_what_the_reader_refuses_for_its_type(old, new):
-    assert _accepts(SCHEMA, yaml.safe_load(TEXT))
-    assert not _accepts(SCHEMA, yaml.safe_load(TEXT.replace(old, new, 1)))
+    assert _accepts(SCHEMA, _data(TEXT))
+    assert not _accepts(SCHEMA, _data(TEXT.replace(old, new, 1)))
 
 
 _KINDS = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}

@@ -8,8 +8,17 @@ import sys
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from mutations import ANYWHERE, TOGETHER, a_bigger_part, another_robot_file, the_goal_turned, too_fast, with_part
-from plans import sample_plan, short_plan
+from mutations import (
+    ANYWHERE,
+    TOGETHER,
+    USING,
+    a_bigger_part,
+    another_robot_file,
+    the_goal_turned,
+    too_fast,
+    with_part,
+)
+from plans import interlocked_plan, sample_plan, short_plan, use_plan
 
 from kumitate.errors import InputError
 from kumitate.tasks.document import Plan
@@ -21,7 +30,7 @@ HANDS = {
     "hrp5p_three_finger": ("hrp5p_three_finger", (0.03, 0.1, 0.1), 0.03),
 }
 # By default one mutation for every fault.
-FIRST = {name: spoil for spoil, name in reversed([*ANYWHERE.items(), *TOGETHER.items()])}
+FIRST = {name: spoil for spoil, name in reversed([*ANYWHERE.items(), *TOGETHER.items(), *USING.items()])}
 
 
 def spoiling(mutations):
@@ -46,6 +55,11 @@ def test_every_kind_of_hand_may_take_a_part(hand):
     assert verify(short_plan(*HANDS[hand])).faults == ()
 
 
+@pytest.mark.parametrize("make", [use_plan, interlocked_plan])
+def test_tools_and_interlocked_hands_pass(make):
+    assert verify(make()).faults == ()
+
+
 @spoiling(ANYWHERE)
 def test_what_is_spoiled_is_found(spoil):
     assert ANYWHERE[spoil] in {fault.name for fault in verify(spoil(short_plan())).faults}
@@ -54,6 +68,11 @@ def test_what_is_spoiled_is_found(spoil):
 @spoiling(TOGETHER)
 def test_what_is_spoiled_between_two_hands_is_found(spoil):
     assert TOGETHER[spoil] in {fault.name for fault in verify(spoil(sample_plan())).faults}
+
+
+@spoiling(USING)
+def test_what_is_spoiled_with_a_tool_is_found(spoil):
+    assert USING[spoil] in {fault.name for fault in verify(spoil(use_plan())).faults}
 
 
 @pytest.mark.slow
@@ -70,7 +89,7 @@ def test_it_shares_nothing_with_the_planner():
 
 
 def test_every_name_is_explained_and_spoiled_by_some_mutation():
-    assert set(ANYWHERE.values()) | set(TOGETHER.values()) == set(FAULTS)
+    assert {*ANYWHERE.values(), *TOGETHER.values(), *USING.values()} == set(FAULTS)
     assert all(sentence.endswith(".") for sentence in FAULTS.values())
 
 
@@ -110,7 +129,8 @@ def test_a_task_that_is_none_is_refused():
         ({**plan.task, "robot": {"urdf": "mine.urdf", "srdf": "mine.srdf"}}, "cannot be read"),
         ({**plan.task, "hands": {"left": "robotiq_2f85", "third": "suction_cup"}}, "no arm named 'third'"),
         ({**plan.task, "hands": {"left": "claw", "right": "suction_cup"}}, "no hand named 'claw'"),
-        ({**plan.task, "goals": [{"place": {"part": "wheel", "at": {}}}]}, "unknown or taken"),
+        ({**plan.task, "goals": [{"place": {"part": "wheel", "at": {}}}]}, "unknown: wheel"),
+        ({**plan.task, "cell": plan.task["cell"] * 2}, "taken"),
     ):
         with pytest.raises(InputError, match=message):
             verify(replace(plan, task=task))

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 from msgspec.structs import replace
-from mutations import a_loose_grip, kinds
-from plans import sample_plan, short_plan
+from mutations import a_loose_grip, kinds, pressed_against_what_it_is_not_used_on, pressed_too_deep, with_states
+from plans import sample_plan, short_plan, use_plan
 
-from kumitate.tasks.document import Mesh, Plan
+from kumitate.tasks.document import Mesh, Plan, matrix
 from kumitate.tasks.verify import verify
+from kumitate.transforms import pose
 
 
 def names(plan: Plan) -> set[str]:
@@ -78,3 +79,48 @@ def test_a_bracket_across_the_way_is_found():
     tube = trimesh.util.concatenate([plan.meshes["tube"].trimesh(), plate])
     faults = verify(replace(plan, meshes={**plan.meshes, "tube": Mesh.of(tube)})).faults
     assert ("contact", kinds(plan, "insert")[0]) in {(fault.name, fault.action) for fault in faults}
+
+
+def on_a_part(plan: Plan, plate: trimesh.Trimesh | None = None) -> Plan:
+    """The plate that the tool is used on is a part that stands there."""
+    table, entry = plan.task["cell"]
+    where = matrix(pose(entry["at"]["xyz"]))
+    part = {"mesh": "plate.stl", "unit": "m", "mass": 0.1, "at": entry["at"]}
+    task = {**plan.task, "cell": [table], "parts": {**plan.task["parts"], "plate": part}}
+    meshes = {**plan.meshes, "plate": plan.meshes["plate"] if plate is None else Mesh.of(plate)}
+
+    def standing(state):
+        return replace(state, poses={**state.poses, "plate": where})
+
+    first = replace(plan.actions[0], start=standing(plan.actions[0].start))
+    placed = replace(plan, task=task, meshes=meshes, actions=(first, *plan.actions[1:]))
+    return with_states(placed, 0, standing)
+
+
+@pytest.mark.parametrize("kind", ["obstacle", "part"])
+@pytest.mark.parametrize(("deep", "found"), [(0.0, set()), (0.4e-3, set()), (0.6e-3, {"contact"})])
+def test_a_tool_may_touch_what_it_is_used_on(kind, deep, found):
+    plan = pressed_too_deep(use_plan(), deep)
+    faults = verify(on_a_part(plan) if kind == "part" else plan).faults
+    assert {fault.name for fault in faults} == found
+    assert {fault.action for fault in faults} == ({*kinds(plan, "press", "withdraw")} if found else set())
+
+
+@pytest.mark.parametrize("kind", ["obstacle", "part", "support"])
+def test_a_tool_may_touch_nothing_else(kind):
+    """Not even a support, on which parts may be put down."""
+    plan = pressed_against_what_it_is_not_used_on(use_plan())
+    if kind == "support":
+        cell = [{**entry, "support": True} for entry in plan.task["cell"]]
+        plan = replace(plan, task={**plan.task, "cell": cell})
+    faults = verify(on_a_part(plan) if kind == "part" else plan).faults
+    assert {fault.name for fault in faults} == {"collision"}
+    assert {fault.action for fault in faults} == {*kinds(plan, "press", "withdraw")}
+
+
+@pytest.mark.parametrize(("gap", "found"), [(0.5e-3, set()), (-0.3e-3, {"contact"})])
+def test_a_tool_is_free_again_by_going_back(gap, found):
+    """Not where it rubs along a wall that stands on what it is used on."""
+    wall = trimesh.creation.box([0.01, 0.03, 0.02]).apply_translation([0.015 + gap + 0.005, 0.0, 0.03])
+    plate = trimesh.util.concatenate([use_plan().meshes["plate"].trimesh(), wall])
+    assert names(on_a_part(use_plan(), plate)) == found

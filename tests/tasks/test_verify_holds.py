@@ -66,6 +66,42 @@ def test_one_finger_of_a_pair_may_hang_as_far_as_the_task_says():
     assert "pads" in names(with_part(spoiled, "block", grasps={"t_dct": 0.001}))
 
 
+@pytest.mark.parametrize("plan", [(), CUP, THREE])
+def test_hands_keep_out_of_regions_that_none_may_touch(plan):
+    """A pad or a lip beside a region, and in it; it may reach in as far as it may be off its grasp."""
+    made = short_plan(*plan)
+    action = made.actions[taking(made)[0]]
+    contact, normal = (np.array(rows[0]) for rows in (action.grasp.contacts, action.grasp.normals))
+    for reach, found in ((-0.2e-3, False), (0.05e-3, False), (0.3e-3, True)):
+        middle = contact + (reach - 0.002) * normal
+        region = {"box": (0.004 * np.abs(normal) + 0.01 * (1.0 - np.abs(normal))).tolist()}
+        beside = with_part(made, "block", no_touch=[{**region, "at": {"xyz": middle.tolist()}}])
+        assert ("no-touch" in names(beside)) is found
+
+
+def test_no_piece_of_a_hand_is_in_a_region_that_none_may_touch():
+    """All around the block, and in the palm, where no surface of the hand is."""
+    plan = short_plan()
+    palm = np.array(plan.actions[taking(plan)[0]].grasp.part_from_hand) @ pose([0.0, 0.0, -0.1])
+    for region in (
+        {"box": [0.5, 0.5, 0.5]},
+        {"box": [1e-3, 1e-3, 1e-3], "at": {"xyz": palm[:3, 3].tolist()}},
+    ):
+        (fault,) = faults(with_part(plan, "block", no_touch=[region]))
+        assert fault.name == "no-touch"
+        assert fault.bodies == ("block", "left")
+
+
+def test_regions_that_none_may_touch_go_with_the_part():
+    """The right hand takes the block in the air, where it lies."""
+    plan = sample_plan()
+    second = kinds(plan, "close")[1]
+    contact = plan.actions[second].grasp.contacts[0]
+    region = {"box": [0.004, 0.004, 0.004], "at": {"xyz": list(contact)}}
+    (fault,) = faults(with_part(plan, "block", no_touch=[region]))
+    assert (fault.name, fault.action, fault.bodies) == ("no-touch", second, ("block", "right"))
+
+
 def test_carriers_are_followed_to_the_arm_that_moves():
     holds = {
         "tray": (Hold("left", pose([0.0, 0.0, 0.1])),),

@@ -11,8 +11,8 @@ import trimesh
 from kumitate.errors import InputError
 from kumitate.robots.library import load_robot
 from kumitate.tasks.verify_arms import adjacent, read_machine
-from kumitate.tasks.verify_cell import read_task
 from kumitate.tasks.verify_robot import read_tree
+from kumitate.tasks.verify_task import read_task
 
 HANDS = {
     "nextage": {"left": "robotiq_2f85", "right": "suction_cup"},

@@ -42,3 +42,15 @@ def test_what_lies_inside_is_told(rng):
     clear = truly | (radius < 0.0199) | (radius > 0.0401) | (np.abs(points[:, 2]) > 0.015)
     told = np.array([inside(point, ring) for point in points])
     np.testing.assert_array_equal(told[clear], truly[clear])
+
+
+def test_boxes_are_solid(rng):
+    """A ball meets a box from outside and from inside, and has it inside."""
+    solids = Solids([trimesh.creation.icosphere(3, 0.02)])
+    sides = np.array([0.1, 0.2, 0.3])
+    for _ in range(20):
+        turned = trimesh.transformations.random_rotation_matrix(rng.random(3))
+        for x, found in ((0.0, True), (0.069, True), (0.071, False)):
+            assert solids.touches_box(0, turned @ pose([x, 0.0, 0.0]), sides, turned) is found
+        assert solids.touches_box(0, turned, 0.01 * sides, turned @ pose([0.01, 0.0, 0.0]))
+        assert not solids.touches_box(0, turned, 0.01 * sides, turned @ pose([0.03, 0.0, 0.0]))

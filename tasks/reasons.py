@@ -1,0 +1,177 @@
+"""Why a goal is not reached: what stands against each arm's grasps, what was tried, and which causes decide."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ..errors import PlanningError
+from ..regrasp.diagnosis import Cause, Diagnosis, diagnose, roots
+from ..regrasp.reach import Node, Reacher
+from ..regrasp.steps import Attempt
+from .assembly import NoMeetingError, in_the_way, ways_left
+from .job import Job
+from .targets import hold_nodes, place_nodes
+from .task import Attach, Goal
+from .use import end_nodes
+
+_MOST_NODES = 3  # places of a goal that are looked at
+_MOST_LINES = 12
+_HERE = "where it is"
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Why there is no plan; iterates over its sentences.
+
+    Attributes:
+        goal: The number, from 0, of the goal that is not reached; none if it is no single one.
+        where: What does not work, in words.
+        causes: What decides, the gravest first: how many grasps, or attempts, would work without it, or without as few
+            others as possible.
+        diagnoses: What stands against the grasps, for each part, place and arm.
+        attempts: Candidates of the search that motions were not found for.
+        notes: What else was tried, a sentence each.
+        suggestions: Changes with which there is a plan, each tried.
+    """
+
+    goal: int | None
+    where: str
+    causes: tuple[tuple[Cause, int], ...]
+    diagnoses: tuple[Diagnosis, ...] = ()
+    attempts: tuple[Attempt, ...] = ()
+    notes: tuple[str, ...] = ()
+    suggestions: tuple[str, ...] = ()
+
+    def __iter__(self) -> Iterator[str]:
+        if self.causes:
+            yield "because of: " + "; ".join(f"{cause} ({count})" for cause, count in self.causes)
+        yield from map(funnel, self.diagnoses)
+        yield from list(dict.fromkeys(self.notes))[:_MOST_LINES]
+        yield from list(dict.fromkeys(self.attempts))[:_MOST_LINES]
+        yield from self.suggestions
+
+    @property
+    def closest(self) -> Diagnosis | None:
+        """Of the places at which nothing works, the one with the candidate that comes nearest to working."""
+        failing = [entry for entry in self.diagnoses if not entry.works and entry.closest is not None]
+        return min(failing, key=_distance, default=None)
+
+
+class NoPlanError(PlanningError):
+    """A goal is not reached.
+
+    Attributes:
+        report: Why.
+    """
+
+    def __init__(self, report: Report, error: PlanningError) -> None:
+        """Name the goal, what failed, and the causes that decide."""
+        self.report = report
+        goal = "there is no plan" if report.goal is None else f"goal {report.goal + 1} is not reached"
+        because = "; ".join(str(cause) for cause, _ in report.causes[:2])
+        super().__init__(f"{goal}: {report.where}: {because}" if because else f"{goal}: {error}")
+
+
+def funnel(entry: Diagnosis) -> str:
+    """How many grasps are left of those planned, and what the others fell to, in words."""
+    words = f"{entry.part}, {entry.node.name}, {entry.arm} arm: {entry.planned} grasps planned"
+    if not entry.planned:
+        return words
+    causes = ", ".join(f"{count} {cause}" for cause, count in entry.each.most_common())
+    return f"{words}, {entry.looked} looked at, {entry.works} work" + (f" ({causes})" if causes else "")
+
+
+def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
+    """Why ``goal`` is not reached from where ``job`` is, once planning has ended in ``error``."""
+    told = [str(line) if not isinstance(line, Attempt) else line for line in getattr(error, "report", ())]
+    attempts = tuple(line for line in told if isinstance(line, Attempt))
+    notes = (str(error), *(line for line in told if not isinstance(line, Attempt)))
+    diagnoses, causes, where = list[Diagnosis](), Counter[Cause](), ""
+    for part, nodes, arms in _stations(job, goal):
+        found = _asked(job, part, nodes, arms)
+        diagnoses += found
+        if not causes and not any(entry.works for entry in found):
+            causes = _no_grasps(job, found) or _decisive(found)
+            where = f"no grasp of {part} works {'where it is' if nodes[0].name == _HERE else 'at its goal'}"
+    if not causes and goal.attach is not None:
+        causes, where = _not_joined(job, goal.attach, error), f"{goal.attach.part} is not joined to {goal.attach.to}"
+    if not causes:
+        where = "no motion was found"
+        for attempt in attempts:
+            causes[Cause("blocked by", attempt.bodies) if attempt.bodies else Cause(attempt)] += 1
+    return Report(number, where, tuple(causes.most_common()), tuple(diagnoses), attempts, notes)
+
+
+def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Sequence[str]]]:
+    """Where the goal's parts must be taken and brought, by which arms; at each some grasp must work."""
+    arms = tuple(job.cell.robot.hands)
+    entry = goal.attach or goal.place or goal.hand_over or goal.use
+    assert entry is not None
+    parts = [entry.part, goal.attach.to] if goal.attach is not None else [entry.part]
+    for part in map(job.root, parts):
+        if job.held(part) is None:
+            yield part, [Node(_HERE, job.pose(part), job.rests_on(part))], arms
+    root = job.root(entry.part)
+    if goal.place is not None:
+        yield root, place_nodes(job, goal.place)[:_MOST_NODES], _pinned(goal.place.arm, arms)
+    elif goal.hand_over is not None:
+        yield root, hold_nodes(job, goal.hand_over)[:_MOST_NODES], (goal.hand_over.to,)
+    elif goal.use is not None:
+        yield root, end_nodes(job, goal.use)[:_MOST_NODES], _pinned(goal.use.arm, arms)
+
+
+def _pinned(arm: str | None, arms: Sequence[str]) -> Sequence[str]:
+    return arms if arm is None else (arm,)
+
+
+def _asked(job: Job, part: str, nodes: Sequence[Node], arms: Sequence[str]) -> list[Diagnosis]:
+    reacher = Reacher(job.cell.scene, job.motions.state, part, job.whole(part).holders)
+    return [diagnose(reacher, node, arm) for node in nodes for arm in arms]
+
+
+def _decisive(found: Sequence[Diagnosis]) -> Counter[Cause]:
+    """The causes that decide, over the arms that can be there at all, if there are such."""
+    near = [entry for entry in found if entry.closest is not None and entry.closest.q is not None] or found
+    fewest = min((roots(entry.closest.causes) for entry in near if entry.closest is not None), default=0)
+    causes: Counter[Cause] = Counter()
+    for entry in near:
+        if entry.closest is not None and roots(entry.closest.causes) == fewest:
+            causes.update(entry.decisive)
+    return causes
+
+
+def _no_grasps(job: Job, found: Sequence[Diagnosis]) -> Counter[Cause]:
+    """Where no hand has a grasp: what dropped the last candidates of grasp planning."""
+    if any(entry.planned for entry in found):
+        return Counter()
+    causes: Counter[Cause] = Counter()
+    for part, arm in dict.fromkeys((entry.part, entry.arm) for entry in found):
+        hand, grasps = job.cell.robot.hands[arm].name, job.grasps(part, arm)
+        if len(grasps):
+            causes[Cause(f"{hand} cannot hold what is joined to, or must not be touched of,", (part,))] = len(grasps)
+            continue
+        last = next((stage for stage in reversed(grasps.record) if stage.taken), None)
+        dropped = {reason: n for reason, n in last.dropped.items() if n} if last is not None else {}
+        for reason, n in (dropped or {"no place for its pads": 1}).items():
+            causes[Cause(f"{hand} has no grasp, {reason}:", (part,))] = n
+    return causes
+
+
+def _not_joined(job: Job, goal: Attach, error: PlanningError) -> Counter[Cause]:
+    """Why two parts that can both be taken are not joined."""
+    if in_the_way(job, goal):
+        return Counter({Cause("parts touch on the straight way:", (goal.part, goal.to)): 1})
+    causes: Counter[Cause] = Counter()
+    for part, other, left, planned in ways_left(job, goal):
+        if not left and planned:
+            causes[Cause(f"every hand on {part} is in the way of", (other,))] += planned
+    if not causes and isinstance(error, NoMeetingError):
+        causes.update({Cause(words): count for words, count in error.why.items() if count})
+    return causes
+
+
+def _distance(entry: Diagnosis) -> tuple[int, int]:
+    assert entry.closest is not None
+    return roots(entry.closest.causes), int(entry.closest.q is None)
