@@ -15,6 +15,7 @@ from .errors import InputError
 
 Array = npt.NDArray[np.float64]
 _ROTATION_TOLERANCE = 1e-6
+_LEVEL = 1e-6
 
 
 def rotation_from_rpy(rpy: Sequence[float] | Array) -> Array:
@@ -63,6 +64,16 @@ def pose(xyz: Sequence[float] | Array = (0.0, 0.0, 0.0), rpy: Sequence[float] | 
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise InputError(f"pose: {name}", f"{vector} is no vector", "give three finite numbers [m, rad]")
     return compose(rotation_from_rpy(vectors["rpy"]), vectors["xyz"])
+
+
+def rpy_from_rotation(rotation: Array) -> tuple[float, float, float]:
+    """Fixed-axis roll, pitch and yaw [rad] of a rotation (3, 3); roll is 0 where it turns about the same axis as yaw."""
+    level = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = float(np.arctan2(-rotation[2, 0], level))
+    if level < _LEVEL:  # x points up or down
+        return 0.0, pitch, float(np.arctan2(-rotation[0, 1], rotation[1, 1]))
+    roll, yaw = np.arctan2(rotation[2, 1], rotation[2, 2]), np.arctan2(rotation[1, 0], rotation[0, 0])
+    return float(roll), pitch, float(yaw)
 
 
 def invert(poses: Array) -> Array:

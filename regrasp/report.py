@@ -12,9 +12,13 @@ _MOST_LINES = 12
 _MOST_CAUSES = 4
 
 
+class Count(str):
+    """How many grasps work at a node, and what was the first thing that the others failed at."""
+
+
 def report_on(graph: RegraspGraph, goals: Sequence[Goal], failures: Sequence[str]) -> NoRegraspError:
     """The error that tells why ``graph`` has no way to ``goals``, ``failures`` being the motions that failed."""
-    part, lines = graph.reacher.part, []
+    part, lines = graph.reacher.part, list[str]()
     working: Counter[str] = Counter()
     dropped, tested = graph.reacher.dropped(), graph.reacher.tested()
     ends = [graph.start.name, *(goal.node.name for goal in goals)]
@@ -22,7 +26,9 @@ def report_on(graph: RegraspGraph, goals: Sequence[Goal], failures: Sequence[str
         working[node] += kept
         if node in ends:
             causes = ", ".join(f"{n} {cause}" for cause, n in dropped[node, arm].most_common(_MOST_CAUSES) if n)
-            lines.append(f"{node}, {arm} arm: {kept} of {asked} grasps work" + (f" ({causes})" if causes else ""))
+            lines.append(
+                Count(f"{node}, {arm} arm: {kept} of {asked} grasps work" + (f" ({causes})" if causes else ""))
+            )
     between = [node.name for node in graph.nodes if any(name == node.name for name, _ in tested)]
     useful = sum(working[name] > 0 for name in between)
     lines.append(f"{len(between)} of {len(graph.nodes)} placements and handovers looked at, {useful} with any grasp")

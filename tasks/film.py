@@ -155,6 +155,19 @@ def _shot(
     return np.concatenate([*bodies, *(ridden[part][:, None] for part in parts)], axis=1)
 
 
+def still(robot: Robot, q: Array, openings: Mapping[str, float]) -> dict[str, Array]:
+    """Pose (4, 4) of every link and piece of a hand, by name, at one configuration (nq,)."""
+    joints = {joint: chain.forward(q[None, places])[0] for joint, (chain, places) in _chains(robot).items()}
+    joints[0] = np.eye(4)
+    poses = {link.name: joints[link.joint] for link in robot.links}
+    for name, hand in robot.hands.items():
+        arm = robot.arms[name]
+        base = joints[arm.flange_joint] @ arm.joint_from_flange @ arm.flange_from_base
+        pieces = base @ hand.base_from_piece(np.array([openings[name]]))[0]
+        poses.update({f"{name}/{piece.name}": at for piece, at in zip(hand.pieces, pieces, strict=True)})
+    return poses
+
+
 def within(opening: Array, stroke: tuple[float, float]) -> Array:
     """``opening`` (n,) without what a curve overshoots between its samples."""
     clipped: Array = np.clip(opening, *stroke)

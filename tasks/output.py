@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import perf_counter
-from types import FrameType
 from typing import Any
 
 from ..errors import InputError, KumitateError
+from .supervised import CLEAR, tell, unfinished
 
 _CURE = "name a folder that exists and is yours"
-_CLEAR = "\r\x1b[K"  # back to the start of the terminal's line, and nothing on it
+_MORE_ROOM = "make room there, or name a folder that has some"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def say(line: str) -> None:
@@ -39,32 +40,23 @@ def say_error(error: KumitateError, *, as_json: bool) -> None:
 
 
 @contextlib.contextmanager
-def on_interrupt(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Meanwhile ``handler`` gets what Ctrl-C sends."""
-    before = signal.signal(signal.SIGINT, handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@contextlib.contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
     """What shows what is being done on one line of the terminal, which is gone in the end; nothing in a pipe."""
     if not sys.stderr.isatty():
-        yield lambda doing: None
+        yield tell
         return
     started = perf_counter()
 
     def show(doing: str) -> None:
+        tell(doing)
         width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-        sys.stderr.write(_CLEAR + f"{perf_counter() - started:4.0f} s  {doing}"[: width - 1])
+        sys.stderr.write(CLEAR + f"{perf_counter() - started:4.0f} s  {doing}"[: width - 1])
         sys.stderr.flush()
 
     try:
         yield show
     finally:
-        sys.stderr.write(_CLEAR)
+        sys.stderr.write(CLEAR)
 
 
 def check_writable(path: Path) -> None:
@@ -90,11 +82,9 @@ def write_file(path: Path, write: Callable[[Path], object]) -> None:
             return
         path = path.resolve()
         beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-        with on_interrupt(signal.default_int_handler):
-            try:
-                write(beside)
-                beside.replace(path)
-            finally:
-                beside.unlink(missing_ok=True)
+        with unfinished(beside):
+            write(beside)
+            beside.replace(path)
     except OSError as error:
-        raise InputError(path, f"cannot be written ({error.strerror})", _CURE) from error
+        cure = _MORE_ROOM if error.errno in _FULL else _CURE
+        raise InputError(path, f"cannot be written ({error.strerror or error})", cure) from error

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .output import check_writable, progress_line, say, say_json, write_file
 from .quantities import parse_quantity
+from .supervised import TimeLimitError, told
 
 if TYPE_CHECKING:
     from .document import Plan
@@ -28,20 +30,32 @@ def add_plan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--replay", type=Path, nargs="?", const=Path(), metavar="HTML", help="write a page that plays the plan too"
     )
-    parser.add_argument("--time-limit", default="120 s", help='longest time of planning; "120 s" unless given')
+    parser.add_argument("--time-limit", default="120 s", help='longest time of it all; "120 s" unless given')
     parser.add_argument("--json", action="store_true", help="print the answer for programs")
-    parser.set_defaults(run=_plan)
+    parser.set_defaults(run=_plan, limit=time_limit)
+
+
+def time_limit(options: argparse.Namespace) -> float:
+    """The time that the command has [s].
+
+    Raises:
+        InputError: The option is no time, or none is left.
+    """
+    limit = parse_quantity(options.time_limit, "time", "--time-limit")
+    if limit <= 0.0:
+        raise InputError("--time-limit", f"{limit:g} s leaves no time", 'give more, such as "120 s"')
+    return limit
 
 
 def _plan(options: argparse.Namespace) -> int:
+    started = perf_counter()
     import msgspec
 
+    from . import job
     from .planner import plan
     from .task_file import in_file, read_task
 
-    seed, limit = _seed(options.seed), parse_quantity(options.time_limit, "time", "--time-limit")
-    if limit <= 0.0:
-        raise InputError("--time-limit", f"{limit:g} s leaves no time", 'give more, such as "120 s"')
+    seed, limit = seed_of(options.seed), time_limit(options)
     task = read_task(options.task)
     output = options.output or options.task.with_suffix(".plan.json")
     page = options.replay if options.replay is None or options.replay.name else output.with_suffix(".html")
@@ -52,7 +66,10 @@ def _plan(options: argparse.Namespace) -> int:
         check_writable(path)
     with progress_line() as progress:
         try:
-            made = plan(task, options.task.parent, seed=seed, time_limit=limit, progress=progress)
+            left = limit - (perf_counter() - started)
+            made = plan(task, options.task.parent, seed=seed, time_limit=left, progress=progress)
+        except job.TimeLimitError:
+            raise TimeLimitError(limit, told()) from None
         except InputError as error:
             raise in_file(error, options.task) from error
         content = msgspec.json.encode(made)
@@ -66,7 +83,12 @@ def _plan(options: argparse.Namespace) -> int:
     return 0
 
 
-def _seed(text: str) -> int:
+def seed_of(text: str) -> int:
+    """The seed that an option gives.
+
+    Raises:
+        InputError: It is none.
+    """
     if not text.isdecimal() or int(text) > _LARGEST_SEED:
         raise InputError("--seed", f"{text!r} is no whole number up to {_LARGEST_SEED}", "write one such as 0")
     return int(text)

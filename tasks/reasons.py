@@ -9,7 +9,11 @@ from dataclasses import dataclass
 from ..errors import PlanningError
 from ..regrasp.diagnosis import Cause, Diagnosis, diagnose, roots
 from ..regrasp.reach import Node, Reacher
+from ..regrasp.report import Count
 from ..regrasp.steps import Attempt
+from ..robots.scene import Scene
+from ..robots.state import SceneState
+from ..transforms import Array
 from .assembly import NoMeetingError, in_the_way, ways_left
 from .job import Job
 from .targets import hold_nodes, place_nodes
@@ -19,6 +23,28 @@ from .use import end_nodes
 _MOST_NODES = 3  # places of a goal that are looked at
 _MOST_LINES = 12
 _HERE = "where it is"
+
+
+@dataclass(frozen=True, eq=False)
+class Blocked:
+    """The candidate that comes nearest to working, to look at.
+
+    Attributes:
+        scene: The scene.
+        state: Where everything is; the arm at home where no inverse kinematics answers.
+        causes: What stands against it.
+        hand: Where the hand would be then: the arm, and the pose (4, 4) of its hand's base in the world.
+    """
+
+    scene: Scene
+    state: SceneState
+    causes: frozenset[Cause]
+    hand: tuple[str, Array] | None
+
+    @property
+    def bodies(self) -> frozenset[str]:
+        """The bodies that are in the way."""
+        return frozenset(body for cause in self.causes for body in cause.bodies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +59,7 @@ class Report:
         diagnoses: What stands against the grasps, for each part, place and arm.
         attempts: Candidates of the search that motions were not found for.
         notes: What else was tried, a sentence each.
-        suggestions: Changes with which there is a plan, each tried.
+        blocked: The candidate that comes nearest to working, at the first place where none does.
     """
 
     goal: int | None
@@ -42,7 +68,7 @@ class Report:
     diagnoses: tuple[Diagnosis, ...] = ()
     attempts: tuple[Attempt, ...] = ()
     notes: tuple[str, ...] = ()
-    suggestions: tuple[str, ...] = ()
+    blocked: Blocked | None = None
 
     def __iter__(self) -> Iterator[str]:
         if self.causes:
@@ -50,13 +76,6 @@ class Report:
         yield from map(funnel, self.diagnoses)
         yield from list(dict.fromkeys(self.notes))[:_MOST_LINES]
         yield from list(dict.fromkeys(self.attempts))[:_MOST_LINES]
-        yield from self.suggestions
-
-    @property
-    def closest(self) -> Diagnosis | None:
-        """Of the places at which nothing works, the one with the candidate that comes nearest to working."""
-        failing = [entry for entry in self.diagnoses if not entry.works and entry.closest is not None]
-        return min(failing, key=_distance, default=None)
 
 
 class NoPlanError(PlanningError):
@@ -85,15 +104,15 @@ def funnel(entry: Diagnosis) -> str:
 
 def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
     """Why ``goal`` is not reached from where ``job`` is, once planning has ended in ``error``."""
-    told = [str(line) if not isinstance(line, Attempt) else line for line in getattr(error, "report", ())]
+    told: tuple[str, ...] = tuple(getattr(error, "report", ()))
     attempts = tuple(line for line in told if isinstance(line, Attempt))
-    notes = (str(error), *(line for line in told if not isinstance(line, Attempt)))
-    diagnoses, causes, where = list[Diagnosis](), Counter[Cause](), ""
+    notes = (str(error), *(line for line in told if not isinstance(line, Attempt | Count)))
+    diagnoses, causes, where, blocked = list[Diagnosis](), Counter[Cause](), "", None
     for part, nodes, arms in _stations(job, goal):
         found = _asked(job, part, nodes, arms)
         diagnoses += found
         if not causes and not any(entry.works for entry in found):
-            causes = _no_grasps(job, found) or _decisive(found)
+            causes, blocked = _no_grasps(job, found) or _decisive(found), _blocked(job, found)
             where = f"no grasp of {part} works {'where it is' if nodes[0].name == _HERE else 'at its goal'}"
     if not causes and goal.attach is not None:
         causes, where = _not_joined(job, goal.attach, error), f"{goal.attach.part} is not joined to {goal.attach.to}"
@@ -101,7 +120,7 @@ def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
         where = "no motion was found"
         for attempt in attempts:
             causes[Cause("blocked by", attempt.bodies) if attempt.bodies else Cause(attempt)] += 1
-    return Report(number, where, tuple(causes.most_common()), tuple(diagnoses), attempts, notes)
+    return Report(number, where, tuple(causes.most_common()), tuple(diagnoses), attempts, notes, blocked)
 
 
 def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Sequence[str]]]:
@@ -172,6 +191,18 @@ def _not_joined(job: Job, goal: Attach, error: PlanningError) -> Counter[Cause]:
     return causes
 
 
-def _distance(entry: Diagnosis) -> tuple[int, int]:
-    assert entry.closest is not None
-    return roots(entry.closest.causes), int(entry.closest.q is None)
+def _blocked(job: Job, found: Sequence[Diagnosis]) -> Blocked | None:
+    """The candidate of all that were asked that comes nearest to working."""
+    asked = [(entry, entry.closest) for entry in found if entry.closest is not None]
+    if not asked:
+        return None
+    entry, closest = min(asked, key=lambda pair: (roots(pair[1].causes), pair[1].q is None))
+    scene, holder = job.cell.scene, job.whole(entry.part).holders[entry.arm]
+    reacher = Reacher(scene, job.motions.state, entry.part, {entry.arm: holder})
+    grasps = holder.grasps
+    opening = float((grasps.approach_opening if entry.node.to_leave else grasps.opening)[closest.grasp])
+    state = reacher.state_at(entry.node).with_opening(entry.arm, opening)
+    if closest.q is not None:
+        return Blocked(scene, state.with_q(closest.q), closest.causes, None)
+    base = entry.node.world_from_part @ holder.part_from_flange[closest.grasp] @ holder.arm.flange_from_base
+    return Blocked(scene, state, closest.causes, (entry.arm, base))

@@ -15,7 +15,7 @@ from ..regrasp.placements import SMALLEST_MARGIN, find_placements
 from ..regrasp.polygons import outline
 from ..robots.scene import Scene
 from ..robots.state import Contact, SceneState
-from ..transforms import Array, compose, invert, rotation_about, transform_points
+from ..transforms import Array, compose, invert, rotation_about, rpy_from_rotation, transform_points
 
 _LARGEST_TILT = radians(1.0)
 _UP = np.array([0.0, 0.0, 1.0])
@@ -56,19 +56,10 @@ def _upright(part: Part, world_from_part: Array, place: str) -> Array:
     rotation = rotation_about(axis, tilt) @ world_from_part[:3, :3]
     if tilt > _LARGEST_TILT:
         problem = f"it would topple: it is tilted by {degrees(tilt):.1f} deg from the nearest stable placement"
-        raise InputError(place, problem, f"give rpy: [{', '.join(f'{angle:.2f} deg' for angle in _rpy(rotation))}]")
+        rpy = ", ".join(f"{degrees(angle):.2f} deg" for angle in rpy_from_rotation(rotation))
+        raise InputError(place, problem, f"give rpy: [{rpy}]")
     center = transform_points(world_from_part, part.center_of_mass[None])[0]
     return compose(rotation, center - rotation @ part.center_of_mass)
-
-
-def _rpy(rotation: Array) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch, yaw [deg] of ``rotation`` (3, 3)."""
-    level = np.hypot(rotation[0, 0], rotation[1, 0])
-    pitch = atan2(-rotation[2, 0], level)
-    if level < 1e-6:  # x points up or down: roll and yaw turn about the same axis
-        return 0.0, degrees(pitch), degrees(atan2(-rotation[0, 1], rotation[1, 1]))
-    roll, yaw = atan2(rotation[2, 1], rotation[2, 2]), atan2(rotation[1, 0], rotation[0, 0])
-    return degrees(roll), degrees(pitch), degrees(yaw)
 
 
 def _carriers(scene: Scene, state: SceneState, name: str, place: str) -> list[str]:

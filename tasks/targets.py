@@ -28,7 +28,8 @@ def turned(at: At, axis: Axis | None) -> Array:
     wanted = pose(at.xyz, at.rpy)
     if axis is None:
         return wanted[None]
-    return np.asarray(wanted @ compose(rotation_about(axis, 2.0 * np.pi * np.arange(_TURNS) / _TURNS), np.zeros(3)))
+    turns = rotation_about(_unit(axis), 2.0 * np.pi * np.arange(_TURNS) / _TURNS)
+    return np.asarray(wanted @ compose(turns, np.zeros(3)))
 
 
 def place_nodes(job: Job, goal: Place) -> list[Node]:

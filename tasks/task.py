@@ -6,25 +6,28 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import msgspec
 
+if TYPE_CHECKING:  # in code any number will do
+    Length: TypeAlias = float
+    Angle: TypeAlias = float
+    Mass: TypeAlias = float
+    Density: TypeAlias = float
+else:
 
-class Length(float):
-    """A length: a number [m] or text such as "2 mm"."""
+    class Length(float):
+        """A length: a number [m] or text such as "2 mm"."""
 
+    class Angle(float):
+        """An angle: a number [rad] or text such as "20 deg"."""
 
-class Angle(float):
-    """An angle: a number [rad] or text such as "20 deg"."""
+    class Mass(float):
+        """A mass: a number [kg] or text such as "50 g"."""
 
-
-class Mass(float):
-    """A mass: a number [kg] or text such as "50 g"."""
-
-
-class Density(float):
-    """A density: a number [kg/m3] or text such as "2.7 g/cm3"."""
+    class Density(float):
+        """A density: a number [kg/m3] or text such as "2.7 g/cm3"."""
 
 
 Point = tuple[Length, Length, Length]
@@ -32,9 +35,6 @@ Corner = tuple[Length, Length]
 Axis = tuple[float, float, float]
 Rpy = tuple[Angle, Angle, Angle]
 Unit = Literal["mm", "cm", "m", "in"]
-# Plain numbers, because msgspec writes no subclasses of float into a schema.
-_ZERO = cast(Length, 0.0)
-_STRAIGHT = cast(Angle, 0.0)
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -44,8 +44,8 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class At(Record, frozen=True):
     """A pose: position [m] and fixed-axis roll, pitch, yaw [rad]."""
 
-    xyz: Point = (_ZERO, _ZERO, _ZERO)
-    rpy: Rpy = (_STRAIGHT, _STRAIGHT, _STRAIGHT)
+    xyz: Point = (0.0, 0.0, 0.0)
+    rpy: Rpy = (0.0, 0.0, 0.0)
 
 
 class OwnRobot(Record, frozen=True):

@@ -17,6 +17,7 @@ from kumitate.transforms import (
     pose_distance,
     rotation_about,
     rotation_from_rpy,
+    rpy_from_rotation,
     transform_points,
 )
 
@@ -27,6 +28,13 @@ POINTS = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
 @given(ANGLES)
 def test_rpy_is_fixed_axis_roll_pitch_yaw(rpy):
     np.testing.assert_allclose(rotation_from_rpy(rpy), pin.rpy.rpyToMatrix(np.array(rpy)), atol=1e-12)
+
+
+@given(ANGLES | st.tuples(st.floats(-3.0, 3.0), st.sampled_from([-np.pi / 2, np.pi / 2]), st.floats(-3.0, 3.0)))
+def test_a_rotation_gives_its_roll_pitch_and_yaw_back(rpy):
+    rotation = rotation_from_rpy(rpy)
+    np.testing.assert_allclose(rotation_from_rpy(rpy_from_rotation(rotation)), rotation, atol=3e-6)
+
 
 
 @given(ANGLES, st.floats(-6.0, 6.0))

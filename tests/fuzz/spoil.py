@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from copy import deepcopy
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -13,7 +14,22 @@ Rng = np.random.Generator
 Thing = TypeVar("Thing")
 Tree = Any  # mappings, lists, and what stands in them
 
-NUMBERS = ("nan", "inf", "-inf", "1e308", "-1e308", "1e999", "1e-320", "-0.0", "0", "-1", "1e5", "1e-5", "1e20", "9" * 40)
+NUMBERS = (
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1e308",
+    "1e999",
+    "1e-320",
+    "-0.0",
+    "0",
+    "-1",
+    "1e5",
+    "1e-5",
+    "1e20",
+    "9" * 40,
+)
 NAMES = (
     "",
     " ",
@@ -63,7 +79,7 @@ VALUES: tuple[Any, ...] = (
     [1e300] * 3,
 )
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_NESTED = 2000
+_DEEP = 100_000
 
 
 def one(rng: Rng, things: Sequence[Thing]) -> Thing:
@@ -96,6 +112,7 @@ def spoiled_bytes(rng: Rng, data: bytes) -> bytes:
         lambda: data[:start] + rng.bytes(end - start) + data[end:],
         lambda: data[:start] + one(rng, (b"\0", b"\xff", b"9", b"\n")) * (end - start) + data[end:],
         lambda: data[:start] + data[start:end] * int(rng.integers(2, 50)) + data[end:],
+        lambda: data[:start] + one(rng, (b"[", b"{", b"(", b"<a>", b"- ")) * _DEEP + data[start:],
         lambda: _flipped(rng, data),
         lambda: spoiled_numbers(rng, data),
         lambda: spoiled_numbers(rng, data),
@@ -158,7 +175,7 @@ def spoiled_tree(rng: Rng, tree: Tree, more: Sequence[Any] = ()) -> Tree:
     return tree
 
 
-def nested(value: Any, depth: int = _NESTED) -> Any:
+def nested(value: Any, depth: int = 100) -> Any:
     """``value`` in as many lists."""
     for _ in range(depth):
         value = [value]
@@ -191,7 +208,11 @@ def spoiled_xml(rng: Rng, text: str) -> str:
         _spoil_element(rng, root)
     for element in root.iter():  # characters that XML has no way to write
         element.attrib = {_written(key): _written(value) for key, value in element.attrib.items()}
-    return ElementTree.tostring(root, encoding="unicode")
+    written = ElementTree.tostring(root, encoding="unicode")
+    if rng.random() < 0.02:
+        place = one(rng, [found.start() for found in re.finditer("<(?!/)", written)][1:] or [0])
+        written = written[:place] + _DEEP * "<a>" + _DEEP * "</a>" + written[place:]
+    return written
 
 
 def _spoil_element(rng: Rng, root: ElementTree.Element) -> None:
@@ -202,13 +223,12 @@ def _spoil_element(rng: Rng, root: ElementTree.Element) -> None:
     child = one(rng, list(parent))
     ways: list[Callable[[], object]] = [
         lambda: parent.remove(child),
-        lambda: parent.append(child),
-        lambda: parent.extend([child] * int(2 ** rng.uniform(0, 9))),
-        lambda: one(rng, parents).append(child),
+        lambda: parent.append(deepcopy(child)),
+        lambda: parent.extend(deepcopy(child) for _ in range(int(2 ** rng.uniform(0, 9)))),
+        lambda: one(rng, parents).append(deepcopy(child)),
         lambda: setattr(child, "tag", one(rng, [element.tag for element in root.iter()])),
         lambda: setattr(child, "text", one(rng, ("x", "0", "1e308", "&<"))),
         lambda: child.clear(),
-        lambda: _deepened(parent, child),
     ]
     holders = [element for element in root.iter() if element.attrib]
     if holders:
@@ -232,11 +252,6 @@ def _spoil_attribute(rng: Rng, element: ElementTree.Element, others: Sequence[El
         lambda: element.set(key, f"{value} {value}"),
     )
     one(rng, ways)()
-
-
-def _deepened(parent: ElementTree.Element, child: ElementTree.Element) -> None:
-    for _ in range(_NESTED):
-        parent = ElementTree.SubElement(parent, child.tag, child.attrib)
 
 
 def _written(text: str) -> str:

@@ -54,9 +54,15 @@ def named(grasps, *, turned: bool = False) -> set[tuple[float, ...]]:
 
 def faces(hand, grasps, i: int) -> np.ndarray:
     """Corners (3, 4, 3) of the pads' faces of one grasp in the part's frame, the single finger's first."""
-    corners = np.array([[[0.0, y * pad.size[0], z * pad.size[1]] for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-                        for pad in hand.pads])  # fmt: skip
+    corners = np.array([np.outer([-0.5, -0.5, 0.5, 0.5], [0.0, *pad.size]) for pad in hand.pads])
+    corners[:, [1, 3], 2] *= -1.0
     return transform_points(grasps.part_from_hand[i] @ hand.hand_from_pad(grasps.opening[i : i + 1])[0], corners)
+
+
+def along_pair(grasps, i: int, face: np.ndarray) -> tuple[float, float]:
+    """Where corners (4, 3) lie along the line on which the pair of one grasp stands, from and to."""
+    y = transform_points(invert(grasps.part_from_hand[i]), face)[:, 1]
+    return y.min(), y.max()
 
 
 def test_each_faces_its_giver_but_for_how_the_pads_stand(giver, taker):
@@ -105,11 +111,10 @@ def test_the_single_finger_of_either_stands_between_the_two_of_the_other(hand, g
     own = faced(giver, taker)
     for i in rng.choice(len(taker), 200, replace=False):
         mine, theirs = faces(hand, taker, i), faces(hand, giver, own[i])
-        for single, pair, frame in ((mine[0], theirs[1:], giver.part_from_hand[own[i]]),
-                                    (theirs[0], mine[1:], taker.part_from_hand[i])):  # fmt: skip
-            y = transform_points(invert(frame), single)[:, 1]
-            first, second = sorted((transform_points(invert(frame), other)[:, 1] for other in pair), key=np.mean)
-            assert first.max() < y.min() < y.max() < second.min()
+        for single, pair, among in ((mine[0], theirs[1:], (giver, own[i])), (theirs[0], mine[1:], (taker, i))):
+            below, above = sorted(along_pair(*among, face) for face in pair)
+            low, high = along_pair(*among, single)
+            assert below[1] < low < high < above[0]
 
 
 def test_hands_clear_the_part_with_their_fingers_a_bit_open_and_touch_it_with_them_closed(part, hand, taker, rng):
@@ -117,7 +122,7 @@ def test_hands_clear_the_part_with_their_fingers_a_bit_open_and_touch_it_with_th
     body = _object(part.mesh)
     for i in rng.choice(len(taker), 60, replace=False):
         base = taker.part_from_hand[i] @ invert(hand.base_from_hand(taker.opening[i : i + 1])[0])
-        for opening, touching in ((taker.opening[i] + 2e-3 * 0.5, False), (taker.opening[i] - 1e-4, True)):
+        for opening, touching in ((taker.opening[i] + 1e-3, False), (taker.opening[i] - 1e-4, True)):
             poses = base @ hand.base_from_piece([opening])[0]
             hits = [_touch(_object(p.mesh, at), body) for p, at in zip(hand.pieces, poses, strict=True)]
             assert any(hits) == touching

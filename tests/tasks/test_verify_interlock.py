@@ -67,8 +67,9 @@ def test_it_does_not_depend_on_the_width_of_the_part(cell, opening):
     assert interlocked(fingers(cell, pose(), opening), fingers(cell, FACING, opening))
 
 
-def test_two_fingers_do_not_interlock():
-    cell = read_cell(short_plan(), Findings())
+@pytest.mark.parametrize("hand", [(), ("suction_cup", (0.04, 0.04, 0.03), 0.015)])
+def test_two_fingers_or_cups_do_not_interlock(hand):
+    cell = read_cell(short_plan(*hand), Findings())
     assert not interlocked(fingers(cell, pose()), fingers(cell, FACING))
 
 

@@ -1,0 +1,186 @@
+"""What would help where there is no plan: one thing changed at a time, and every change tried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from ..errors import KumitateError, PlanningError
+from ..regrasp.placements import find_placements
+from ..robots.library import HANDS
+from ..transforms import Array, compose, pose, rotation_about, rpy_from_rotation, transform_points
+from .cell import Cell, build_cell
+from .job import Progress, TimeLimitError
+from .planner import plan
+from .reasons import NoPlanError, Report
+from .task import At, Mounted, Task
+
+_NEARER = 0.05  # m
+_WIDER = 0.3  # m by which a support grows on all sides
+_LONGER = 4.0  # times the time limit
+_replace = msgspec.structs.replace
+
+
+def suggestions(
+    task: Task,
+    folder: str | Path,
+    error: PlanningError,
+    *,
+    seed: int,
+    time_limit: float,
+    progress: Progress = lambda doing: None,
+) -> Iterator[str]:
+    """Changes of ``task`` with which there is a verified plan, in words; each has been tried.
+
+    Args:
+        task: The task, which has no plan.
+        folder: Where its relative paths start.
+        error: Why it has none.
+        seed: Seed of all samples and searches.
+        time_limit: Bound on the time of each try [s].
+        progress: Called with words on what is being tried.
+    """
+    if isinstance(error, TimeLimitError):
+        longer = _LONGER * time_limit
+        if _plans(task, folder, seed, longer, progress):
+            yield f"with {longer:g} s of time there is a plan"
+        return
+    if not isinstance(error, NoPlanError):
+        return
+    for words, changed in _changes(task, build_cell(task, folder), error.report):
+        progress(f"whether there is a plan {words}")
+        if _plans(changed, folder, seed, time_limit, lambda doing: None):
+            yield f"{words} there is a plan"
+
+
+def _plans(task: Task, folder: str | Path, seed: int, time_limit: float, progress: Progress) -> bool:
+    try:
+        plan(task, folder, seed=seed, time_limit=time_limit, progress=progress)
+    except KumitateError:
+        return False
+    return True
+
+
+def _changes(task: Task, cell: Cell, report: Report) -> Iterator[tuple[str, Task]]:
+    """The task with one thing changed at a time, the likeliest to help first."""
+    named = _named_parts(task)
+    parts = [part for part in named if part in _concerned(task, report)] or list(named)
+    yield from _without(task, report, named)
+    for part in parts:
+        yield from _nearer(task, cell, part)
+    yield from _other_hands(task)
+    for part in parts:
+        yield from _otherwise(task, cell, part)
+    yield from _wider(task, cell)
+
+
+def _without(task: Task, report: Report, named: Mapping[str, None]) -> Iterator[tuple[str, Task]]:
+    """Without each obstacle, and each part that no goal speaks of, that is in the way, the gravest first."""
+    met = [body for cause, _ in report.causes for body in cause.bodies]
+    met += [body for attempt in report.attempts for body in attempt.bodies]
+    met += [body for entry in report.diagnoses if not entry.works for cause in entry.each for body in cause.bodies]
+    obstacles = [entry.name for entry in task.cell]
+    for name in dict.fromkeys(body for body in met if body in obstacles or (body in task.parts and body not in named)):
+        kept = tuple(entry for entry in task.cell if entry.name != name)
+        parts = {part: entry for part, entry in task.parts.items() if part != name}
+        kind = "obstacle" if name in obstacles else "part"
+        yield f"without the {kind} {name}", _replace(task, cell=kept, parts=parts)
+
+
+def _nearer(task: Task, cell: Cell, part: str) -> Iterator[tuple[str, Task]]:
+    """With the start of ``part``, or its goal, nearer to the hand whose home is nearest."""
+    entry = task.parts[part]
+    at = _moved(cell, entry.at)
+    yield f"with {part} {1e2 * _NEARER:g} cm nearer ({_shown(at)})", _with_part(task, part, at)
+    for i, goal in enumerate(task.goals):
+        kind = next(name for name in goal.__struct_fields__ if getattr(goal, name) is not None)
+        wanted = getattr(goal, kind)
+        if kind in ("place", "hand_over") and wanted.part == part and wanted.at is not None:
+            at = _moved(cell, wanted.at)
+            changed = _replace(goal, **{kind: _replace(wanted, at=at)})
+            goals = (*task.goals[:i], changed, *task.goals[i + 1 :])
+            yield f"with goal {i + 1} {1e2 * _NEARER:g} cm nearer ({_shown(at)})", _replace(task, goals=goals)
+
+
+def _moved(cell: Cell, at: At) -> At:
+    """``at``, level and nearer to the nearest hand at home."""
+    here = np.asarray(at.xyz, dtype=float)
+    hands = [cell.robot.hand_pose(arm, cell.robot.home)[:3, 3] for arm in cell.robot.hands]
+    way = min((hand - here for hand in hands), key=lambda way: float(np.linalg.norm(way[:2])))[:2]
+    length = float(np.linalg.norm(way))
+    x, y = here[:2] + min(_NEARER / max(length, 1e-9), 1.0) * way
+    return _replace(at, xyz=(float(x), float(y), float(here[2])))
+
+
+def _other_hands(task: Task) -> Iterator[tuple[str, Task]]:
+    """With another shipped hand on one arm, or on all."""
+    every = tuple(task.hands)
+    for arms in dict.fromkeys([every, *((arm,) for arm in every)]):
+        for hand in HANDS:
+            now = {arm: entry.hand if isinstance(entry, Mounted) else entry for arm, entry in task.hands.items()}
+            if any(now[arm] != hand for arm in arms):
+                changed = {**task.hands, **dict.fromkeys(arms, hand)}
+                yield f"with {hand} on {' and '.join(arms)}", _replace(task, hands=changed)
+
+
+def _otherwise(task: Task, cell: Cell, part: str) -> Iterator[tuple[str, Task]]:
+    """With ``part`` standing otherwise at its start, above the same place."""
+    world_from_part = pose(task.parts[part].at.xyz, task.parts[part].at.rpy)
+    center = transform_points(world_from_part, cell.parts[part].center_of_mass[None])[0]
+    bottom = transform_points(world_from_part, cell.parts[part].mesh.vertices)[:, 2].min()
+    for surface_from_part in find_placements(cell.parts[part]).surface_from_part:
+        if surface_from_part[2, :3] @ world_from_part[2, :3] > 1.0 - 1e-3:
+            continue
+        for turn in (0.0, np.pi / 2.0):
+            there = compose(rotation_about([0.0, 0.0, 1.0], turn), [*center[:2], bottom]) @ surface_from_part
+            at = _at(there)
+            yield f"with {part} standing otherwise ({_shown(at)})", _with_part(task, part, at)
+
+
+def _wider(task: Task, cell: Cell) -> Iterator[tuple[str, Task]]:
+    """With free room around each support that is a box, as far as nothing stands there."""
+    for i, entry in enumerate(task.cell):
+        if entry.support and entry.box is not None:
+            x, y, z = (float(side) for side in entry.box)
+            wider = _replace(entry, box=(x + 2.0 * _WIDER, y + 2.0 * _WIDER, z))
+            cells = (*task.cell[:i], wider, *task.cell[i + 1 :])
+            yield f"with {1e2 * _WIDER:g} cm more of {entry.name} on all sides", _replace(task, cell=cells)
+
+
+def _named_parts(task: Task) -> dict[str, None]:
+    """The parts that goals speak of, in their order."""
+    parts: dict[str, None] = {}
+    for goal in task.goals:
+        for entry in (goal.attach, goal.place, goal.hand_over, goal.use):
+            if entry is not None:
+                names = (entry.part, getattr(entry, "to", None), getattr(entry, "of", None))
+                parts.update(dict.fromkeys(name for name in names if name in task.parts))
+    return parts
+
+
+def _concerned(task: Task, report: Report) -> set[str]:
+    """The parts at which nothing works, or of the goal that is not reached."""
+    failing = {entry.part for entry in report.diagnoses if not entry.works}
+    if failing or report.goal is None:
+        return failing
+    return set(_named_parts(_replace(task, goals=(task.goals[report.goal],))))
+
+
+def _with_part(task: Task, part: str, at: At) -> Task:
+    return _replace(task, parts={**task.parts, part: _replace(task.parts[part], at=at)})
+
+
+def _at(world_from_part: Array) -> At:
+    """The entry of a task for a pose (4, 4)."""
+    x, y, z = (float(v) for v in world_from_part[:3, 3])
+    return At((x, y, z), rpy_from_rotation(world_from_part[:3, :3]))
+
+
+def _shown(at: At) -> str:
+    """A pose as a task file has it."""
+    xyz = ", ".join(f"{float(v):.4g}" for v in at.xyz)
+    rpy = ", ".join(f"{float(np.degrees(v)):.4g} deg" for v in at.rpy)
+    return f"at: {{xyz: [{xyz}], rpy: [{rpy}]}}"

@@ -1,0 +1,56 @@
+"""A page that shows the candidate nearest to working, with what is in its way in red."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..robots.rigid import Rigid
+from ..transforms import Array
+from .film import still
+from .page import Command, backdrop, group, material, mesh_geometry, write_page
+from .reasons import Blocked, Report
+
+_ROBOT, _HAND, _OBSTACLE, _PART, _BLOCKING = 0xF0F2F5, 0x59616E, 0x9AA4AD, 0xE8801A, 0xD0021B
+_GHOST = 0.6  # opacity of a hand that no arm brings there
+
+
+def write_blocked_page(path: str | Path, report: Report, helps: Sequence[str] = ()) -> None:
+    """Write the page: the report, the changes that would help, and the scene if there is a candidate to show.
+
+    Raises:
+        OSError: The page cannot be written.
+    """
+    lines = "".join(f"<p>{html.escape(line)}</p>" for line in (*report, *helps))
+    commands: list[Command] = []
+    if report.blocked is not None:
+        commands = list(_drawn(report.blocked))
+    write_page(path, "no plan", f"<h1>{html.escape(report.where)}</h1>{lines}", [*commands, *backdrop()])
+
+
+def _drawn(blocked: Blocked) -> Iterator[Command]:
+    scene, state, red = blocked.scene, blocked.state, blocked.bodies
+    poses = still(scene.robot, state.q, state.openings)
+    for i, link in enumerate(scene.robot.links):
+        yield _body(f"robot/{i}", link, poses[link.name], _BLOCKING if link.name in red else _ROBOT)
+    for arm, hand in scene.robot.hands.items():
+        for i, piece in enumerate(hand.pieces):
+            name = f"{arm}/{piece.name}"
+            yield _body(f"hands/{arm}/{i}", piece, poses[name], _BLOCKING if name in red else _HAND)
+    for i, (name, body) in enumerate(scene.bodies.items()):
+        color = _BLOCKING if name in red else _OBSTACLE if body.fixed else _PART
+        yield _body(f"bodies/{i}", body, scene.world_from_body(state, name), color)
+    if blocked.hand is not None:
+        arm, base = blocked.hand
+        hand = scene.robot.hands[arm]
+        pieces = base @ hand.base_from_piece(np.array([state.openings[arm]]))[0]
+        for i, (piece, at) in enumerate(zip(hand.pieces, pieces, strict=True)):
+            yield _body(f"hand/{i}", piece, at, _HAND, opacity=_GHOST)
+
+
+def _body(path: str, body: Rigid, at: Array, color: int, opacity: float = 1.0) -> Command:
+    geometry = mesh_geometry(body.mesh.vertices, body.mesh.faces)
+    return group(path, [("Mesh", geometry, material(color, opacity=opacity), at)])
