@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import tempfile
-from dataclasses import astuple, replace
+import zipfile
+from dataclasses import astuple, fields, replace
 from hashlib import sha256
 from pathlib import Path
+from time import time
 
 import numpy as np
 
-from ..errors import InputError
 from ..robots.hand import Hand
 from .grasps import FORMAT, GraspSet
 from .parameters import GraspParameters
@@ -19,17 +21,23 @@ from .part import Part
 
 _PLANNER = 2  # raise whenever the same input gives other grasps: older entries are then planned again
 _OPENINGS = 5  # openings at which a hand's linkage enters its digest
+_LARGEST = 2**28  # bytes that an entry may have, packed or not; a million grasps have as many
+_DAY = 86_400.0  # s
 
 
 def cache_folder() -> Path:
     """``KUMITATE_CACHE``, or else the folder that the platform has for caches."""
     if named := os.environ.get("KUMITATE_CACHE"):
         return Path(named)
+    try:
+        home = Path.home()
+    except RuntimeError:  # a user whom the system does not know, as in many a container
+        home = Path(tempfile.gettempdir())
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "kumitate" / "cache"
+        return Path(os.environ.get("LOCALAPPDATA", home / "AppData" / "Local")) / "kumitate" / "cache"
     if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "kumitate"
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "kumitate"
+        return home / "Library" / "Caches" / "kumitate"
+    return Path(os.environ.get("XDG_CACHE_HOME", home / ".cache")) / "kumitate"
 
 
 def grasp_key(part: Part, hand: Hand, parameters: GraspParameters) -> str:
@@ -59,8 +67,8 @@ def cached_grasps(
 ) -> GraspSet:
     """The grasps that ``plan_grasps`` gives, from the cache if they are there; planned and put there if not.
 
-    An entry that is broken or of another format is planned again and replaced. A cache that cannot be written is no
-    error.
+    An entry that is broken, of another format, or not as it was written is planned again and replaced. A cache that
+    cannot be written is no error.
 
     Args:
         part: The part.
@@ -71,29 +79,55 @@ def cached_grasps(
     parameters = parameters or GraspParameters()
     key = grasp_key(part, hand, parameters)
     path = Path(folder or cache_folder()) / f"grasps-{key[:32]}.npz"
-    try:
-        stored = GraspSet.load(path)
-        if stored.key == key:
-            return replace(stored, part=part.name, hand=hand.name)
-    except InputError:
-        pass
+    if stored := _read(path, key):
+        return replace(stored, part=part.name, hand=hand.name)
     from .planner import plan_grasps  # only here: a hit is spared the loading of what planning needs
 
     grasps = replace(plan_grasps(part, hand, parameters), key=key)
-    _write(grasps, path)
+    _write(replace(grasps, key=_seal(grasps, key)), path)
     return grasps
+
+
+def _seal(grasps: GraspSet, key: str) -> str:
+    """SHA-256 over a key and the arrays that were planned for it: entries have it in place of the key."""
+    content = sha256(key.encode())
+    for array in (getattr(grasps, item.name) for item in fields(grasps)):
+        if isinstance(array, np.ndarray):
+            content.update(f"{array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return content.hexdigest()
+
+
+def _read(path: Path, key: str) -> GraspSet | None:
+    """The entry for ``key``, if there is one and it is as it was written."""
+    try:
+        if not path.is_file():
+            return None
+        with zipfile.ZipFile(path) as file:
+            if max(path.stat().st_size, sum(member.file_size for member in file.infolist())) > _LARGEST:
+                return None
+        stored = GraspSet.load(path)
+        return replace(stored, key=key) if stored.key == _seal(stored, key) else None
+    except Exception:  # random bytes have many ways to be no entry: numpy, zipfile, zlib and json raise a dozen errors
+        return None
 
 
 def _write(grasps: GraspSet, path: Path) -> None:
     """Write beside the place and rename: whoever reads finds the old entry or the new one, never half of one."""
-    try:
+    with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
+        _sweep(path.parent)
         handle, beside = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    except OSError:
-        return
-    os.close(handle)
-    try:
-        grasps.save(beside)
-        Path(beside).replace(path)
-    except OSError:
-        Path(beside).unlink(missing_ok=True)
+        os.close(handle)
+        try:
+            grasps.save(beside)
+            Path(beside).replace(path)
+        finally:
+            Path(beside).unlink(missing_ok=True)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what processes that were killed left half-written."""
+    for left in folder.glob("*.part"):
+        with contextlib.suppress(OSError):
+            if left.stat().st_mtime < time() - _DAY:
+                left.unlink()

@@ -185,7 +185,8 @@ def _arms_clear(graph: RegraspGraph, node: Node, giver: Link, taker: Link) -> bo
         ((taker, taker.source.at), (giver, (giver.target.before,))),
     ):
         still, moving = reacher.holders[stays.arm], reacher.holders[moves.arm]
-        there = state.with_contacts([*state.contacts, *still.pads(reacher.part, stays.grasp)])
+        pads = [*still.pads(reacher.part, stays.grasp), *moving.open_contacts(reacher.part, moves.grasp)]
+        there = state.with_contacts([*state.contacts, *pads])
         there = there.with_opening(stays.arm, still.grasps.opening[stays.grasp])
         there = there.with_opening(moves.arm, moving.grasps.approach_opening[moves.grasp])
         checker, q = reacher.scene.checker(there, {giver.arm, taker.arm}), np.array(there.q)

@@ -97,6 +97,12 @@ class Holder:
             for pad, side in zip(hand.pads, sides, strict=True)
         ]
 
+    def open_contacts(self, part: str, grasp: int) -> list[Contact]:
+        """The contacts that the open hand has with ``part`` where it grasps: those of a lip, for fingers none."""
+        hand = self.arm.hand
+        assert hand is not None
+        return [] if hand.pads else self.pads(part, grasp)
+
 
 @dataclass(frozen=True, eq=False)
 class Node:
@@ -363,7 +369,7 @@ class Reacher:
         """States in which ways with ``grasp`` (m,) are checked: which of them, and which of their joints.
 
         Where hands come and go the hand is open, and most hands open equally wide; where the part is held at the end
-        the hand is closed, each on its own grasp.
+        the hand is closed, each on its own grasp. A cup's lip always lies where its own grasp has it.
         """
         name = holder.arm.name
         if not node.to_leave:
@@ -376,7 +382,10 @@ class Reacher:
         places = [(state, "at"), (state, "before"), *([(lifted, "above")] if node.support is not None else [])]
         openings = holder.grasps.approach_opening[grasp]
         for (where, joints), opening in itertools.product(places, np.unique(openings)):
-            yield where.with_opening(name, opening), np.flatnonzero(openings == opening), joints
+            rows = np.flatnonzero(openings == opening)
+            for alike in [rows] if holder.arm.hand is None or holder.arm.hand.pads else rows[:, None]:
+                touching = [*where.contacts, *holder.open_contacts(self.part, int(grasp[alike[0]]))]
+                yield where.with_opening(name, opening).with_contacts(touching), alike, joints
 
 
 def _nearest_first(found: IKSolutions, home: Array) -> tuple[Rows, Rows]:

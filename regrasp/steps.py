@@ -150,10 +150,13 @@ class Motions:
             grasp=holder.row(grasp),
         )
         hand = holder.part_from_flange[grasp] @ holder.arm.flange_from_hand(opening)[0]
+        self.state = self.state.with_contacts([*self.state.contacts, *holder.open_contacts(part, grasp)])
         self.line(
             arm, self._world_from(part) @ hand, "approach", f"{arm} hand comes to {part}", part, grasp=holder.row(grasp)
         )
-        self.state = self.state.with_contacts([*self.state.contacts, *holder.pads(part, grasp)])
+        met = {contact.second for contact in holder.open_contacts(part, grasp)}
+        pads = [contact for contact in holder.pads(part, grasp) if contact.second not in met]
+        self.state = self.state.with_contacts([*self.state.contacts, *pads])
         attach = Event("attach", part, arm, at_end=True)
         self.grip(
             arm,
@@ -174,7 +177,8 @@ class Motions:
         arm, opening = holder.arm.name, float(holder.grasps.approach_opening[grasp])
         detach = Event("detach", part, arm, at_end=False)
         self.grip(arm, opening, "open", f"{arm} hand lets {part} go", part, (detach,), holder.row(grasp))
-        pads = {contact.second for contact in holder.pads(part, grasp)}
+        left = {contact.second for contact in holder.open_contacts(part, grasp)}
+        pads = {contact.second for contact in holder.pads(part, grasp)} - left
         self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in pads)
 
     def retreat(self, holder: Holder, part: str, grasp: int, distance: float) -> None:
@@ -187,6 +191,8 @@ class Motions:
         hand = self.scene.robot.hand_pose(arm, self.state.q, self.state.openings[arm])
         hand[:3, 3] -= distance * hand[:3, 2]
         self.line(arm, hand, "retreat", f"{arm} hand leaves {part}", part, grasp=holder.row(grasp))
+        pads = {contact.second for contact in holder.pads(part, grasp)}
+        self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in pads)
 
     def lift(self, holder: Holder, part: str, grasp: int, distance: float) -> None:
         """Lift ``part`` straight off what it rests on, by ``distance`` [m].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -27,6 +28,8 @@ from .task import Mounted, Obstacle, OwnRobot, PartEntry, Task
 from .task_checks import grasp_parameters, is_hand_file
 from .task_file import checked_task
 
+_log = logging.getLogger(__name__)
+
 _ANY_DENSITY = 1000.0  # kg/m3; nobody weighs an obstacle
 
 
@@ -43,7 +46,7 @@ class Cell:
         meshes: Triangles of parts and obstacles as their files give them, by name.
         scene: Robot, parts and obstacles.
         state: Where all of it is at the start: hands open, and contacts of each part with what it rests on.
-        supports: Tops of the obstacles that parts may be put on.
+        supports: Level tops of the obstacles that parts may be put on.
     """
 
     task: Task
@@ -173,13 +176,14 @@ def _parts(task: Task, folder: Path) -> dict[str, Part]:
 
 
 def _supports(task: Task, obstacles: Mapping[str, Body], state: SceneState) -> tuple[Support, ...]:
+    """The supports with free spots of their own; a tray, whose top is none, carries what goals put there."""
     supports = []
-    for i, entry in enumerate(task.cell):
+    for entry in task.cell:
         if entry.support:
             try:
                 supports.append(Support.top_of(obstacles[entry.name], state.poses[entry.name]))
             except InputError as error:
-                raise InputError(f"cell[{i}].support", error.problem, error.cure) from error
+                _log.info("no free spots on %s: %s", entry.name, error.problem)
     return tuple(supports)
 
 

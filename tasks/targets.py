@@ -94,7 +94,9 @@ def _rectangle(job: Job, area: Area) -> Support:
     Raises:
         InputError: It does not lie on its support.
     """
-    whole = next(support for support in job.cell.supports if support.name == area.on)
+    whole = next((support for support in job.cell.supports if support.name == area.on), None)
+    if whole is None:
+        raise InputError("goal: area", f"the top of {area.on} is no level rectangle", "give a pose in place of an area")
     if area.corners is None:
         return whole
     low, high = np.min(area.corners, axis=0), np.max(area.corners, axis=0)

@@ -89,7 +89,8 @@ class Obstacle(Record, frozen=True):
         box: Sides of a box about its own origin [m].
         mesh: A mesh file relative to the task file.
         unit: What one unit of the mesh is.
-        support: Whether parts may be put down on its top.
+        support: Whether parts may be put down on it: anywhere on its top if that is a level rectangle, else where goals
+            say.
     """
 
     name: str

@@ -79,7 +79,7 @@ def drill() -> trimesh.Trimesh:
 
 
 def channel() -> trimesh.Trimesh:
-    """A channel of sheet metal along x that stands on its flanges, its face at z = 25 mm; a hole tells its ends apart."""
+    """A channel of sheet metal along x that stands on its flanges, its face at z = 25 mm, with a hole near one end."""
     sheet = 1.6
     outside = prism(arch(56, 0, 25, 3), -40, 40, along="x")
     inside = prism(arch(56 - 2 * sheet, -1, 25 - sheet, 3 - sheet), -41, 41, along="x")

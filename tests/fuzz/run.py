@@ -91,7 +91,8 @@ def count(kind: str, seed: int, numbers: range) -> Counter[str]:
                 shutil.rmtree(kept, ignore_errors=True)
                 shutil.copytree(folder, kept, symlinks=True)
                 (kept / "kind.txt").write_text(kind)
-                say(f"{kept}: {outcome.name}: {outcome.words}")
+                (kept / "outcome.txt").write_text(f"{outcome.name}: {outcome.words}\n")
+                say(f"{kept}: {outcome.name}: {outcome.words.strip().splitlines()[-1]}")
     return outcomes
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
+import importlib
 import json
 import os
 import resource
@@ -76,7 +78,11 @@ def tried(feed: Callable[[], str], folder: Path) -> Outcome:
         return Outcome("memory", f"{used.ru_maxrss / 2**20:.1f} GiB")
     if os.WIFSIGNALED(status) or not answer:
         return Outcome("crashed", signal.strsignal(os.WTERMSIG(status)) or f"status {status}")
-    return Outcome(*json.loads(answer))
+    outcome, imported = json.loads(answer)
+    for module in imported:
+        with contextlib.suppress(Exception):
+            importlib.import_module(module)  # so that the next process has it already
+    return Outcome(*outcome)
 
 
 def _work(feed: Callable[[], str], folder: Path, tell: int) -> None:
@@ -89,7 +95,7 @@ def _work(feed: Callable[[], str], folder: Path, tell: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     addresses = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + _ADDRESSES
     resource.setrlimit(resource.RLIMIT_AS, (addresses, addresses))
-    stray: list[str] = []
+    before, stray = set(sys.modules), list[str]()
     sys.addaudithook(_watch(folder, stray))
     try:
         outcome = _fed(feed)
@@ -97,7 +103,7 @@ def _work(feed: Callable[[], str], folder: Path, tell: int) -> None:
         outcome = Outcome("raised", traceback.format_exc(limit=-8))
     if stray:
         outcome = Outcome("stray", "; ".join(stray))
-    os.write(tell, json.dumps(outcome).encode())
+    os.write(tell, json.dumps([outcome, sorted(sys.modules.keys() - before)]).encode())
     os._exit(0)
 
 
