@@ -21,7 +21,7 @@ from .part import Part
 
 _PLANNER = 2  # raise whenever the same input gives other grasps: older entries are then planned again
 _OPENINGS = 5  # openings at which a hand's linkage enters its digest
-_LARGEST = 2**28  # bytes that an entry may have, packed or not; a million grasps have as many
+_LARGEST = 2**28  # bytes that an entry may have, packed or not; close to a million grasps
 _DAY = 86_400.0  # s
 
 
@@ -79,7 +79,7 @@ def cached_grasps(
     parameters = parameters or GraspParameters()
     key = grasp_key(part, hand, parameters)
     path = Path(folder or cache_folder()) / f"grasps-{key[:32]}.npz"
-    if stored := _read(path, key):
+    if (stored := _read(path, key)) is not None:
         return replace(stored, part=part.name, hand=hand.name)
     from .planner import plan_grasps  # only here: a hit is spared the loading of what planning needs
 

@@ -22,6 +22,7 @@ from .use import end_nodes
 
 _MOST_NODES = 3  # places of a goal that are looked at
 _MOST_LINES = 12
+_MOST_CAUSES = 5  # of a funnel that are told
 _HERE = "where it is"
 
 
@@ -31,12 +32,14 @@ class Blocked:
 
     Attributes:
         scene: The scene.
+        place: Where the part is (3,) [m].
         state: Where everything is; the arm at home where no inverse kinematics answers.
         causes: What stands against it.
         hand: Where the hand would be then: the arm, and the pose (4, 4) of its hand's base in the world.
     """
 
     scene: Scene
+    place: Array
     state: SceneState
     causes: frozenset[Cause]
     hand: tuple[str, Array] | None
@@ -98,7 +101,7 @@ def funnel(entry: Diagnosis) -> str:
     words = f"{entry.part}, {entry.node.name}, {entry.arm} arm: {entry.planned} grasps planned"
     if not entry.planned:
         return words
-    causes = ", ".join(f"{count} {cause}" for cause, count in entry.each.most_common())
+    causes = ", ".join(f"{count} {cause}" for cause, count in entry.each.most_common(_MOST_CAUSES))
     return f"{words}, {entry.looked} looked at, {entry.works} work" + (f" ({causes})" if causes else "")
 
 
@@ -201,8 +204,8 @@ def _blocked(job: Job, found: Sequence[Diagnosis]) -> Blocked | None:
     reacher = Reacher(scene, job.motions.state, entry.part, {entry.arm: holder})
     grasps = holder.grasps
     opening = float((grasps.approach_opening if entry.node.to_leave else grasps.opening)[closest.grasp])
-    state = reacher.state_at(entry.node).with_opening(entry.arm, opening)
+    state, place = reacher.state_at(entry.node).with_opening(entry.arm, opening), entry.node.world_from_part[:3, 3]
     if closest.q is not None:
-        return Blocked(scene, state.with_q(closest.q), closest.causes, None)
+        return Blocked(scene, place, state.with_q(closest.q), closest.causes, None)
     base = entry.node.world_from_part @ holder.part_from_flange[closest.grasp] @ holder.arm.flange_from_base
-    return Blocked(scene, state, closest.causes, (entry.arm, base))
+    return Blocked(scene, place, state, closest.causes, (entry.arm, base))

@@ -16,6 +16,7 @@ from .reasons import Blocked, Report
 
 _ROBOT, _HAND, _OBSTACLE, _PART, _BLOCKING = 0xF0F2F5, 0x59616E, 0x9AA4AD, 0xE8801A, 0xD0021B
 _GHOST = 0.6  # opacity of a hand that no arm brings there
+_FROM = np.array([0.7, 0.35, 0.45])  # m from what the camera sees to the camera
 
 
 def write_blocked_page(path: str | Path, report: Report, helps: Sequence[str] = ()) -> None:
@@ -26,9 +27,17 @@ def write_blocked_page(path: str | Path, report: Report, helps: Sequence[str] = 
     """
     lines = "".join(f"<p>{html.escape(line)}</p>" for line in (*report, *helps))
     commands: list[Command] = []
+    script = ""
     if report.blocked is not None:
         commands = list(_drawn(report.blocked))
-    write_page(path, "no plan", f"<h1>{html.escape(report.where)}</h1>{lines}", [*commands, *backdrop()])
+        script = _camera(report.blocked.place)
+    write_page(path, "no plan", f"<h1>{html.escape(report.where)}</h1>{lines}", [*commands, *backdrop()], script)
+
+
+def _camera(target: Array) -> str:
+    """What lets the viewer, whose y axis points up, look at ``target`` (3,)."""
+    place, at = (f"{x:.4f}, {z:.4f}, {-y:.4f}" for x, y, z in (target + _FROM, target))
+    return f"viewer.camera.position.set({place}); viewer.controls.target.set({at}); viewer.controls.update();"
 
 
 def _drawn(blocked: Blocked) -> Iterator[Command]:
