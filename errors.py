@@ -140,3 +140,17 @@ class NoRegraspError(PlanningError):
         self.cause = cause
         self.report = tuple(report)
         super().__init__(f"no way for {part}: {cause}")
+
+
+class TimeLimitError(PlanningError):
+    """The overall time limit is over.
+
+    Attributes:
+        seconds: The limit [s].
+        doing: What was being done.
+    """
+
+    def __init__(self, seconds: float, doing: str) -> None:
+        """Tell what was being done."""
+        self.seconds, self.doing = seconds, doing
+        super().__init__(f"the time limit of {seconds:g} s was over while planning: {doing}; give more time")

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import zipfile
 from dataclasses import dataclass, fields, replace
+from io import BytesIO
+from math import prod
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +19,7 @@ from ..transforms import Array, checked_poses
 from .record import Stage
 
 FORMAT = 1
+LARGEST_FILE = 2**28  # bytes, unpacked; close to a million grasps
 _UNIT = 1e-6
 
 
@@ -98,24 +102,24 @@ class GraspSet:
         return replace(self, **arrays)
 
     def thin(self, n: int) -> GraspSet:
-        """At most n grasps that are good and spread over position and approach direction (see ``spread``)."""
+        """At most n grasps that are good and spread over position and orientation (see ``spread``)."""
         return self[self.spread(n)]
 
     def spread(self, n: int) -> npt.NDArray[np.int64]:
-        """Indices, ascending, of at most n grasps that are good and spread over position and approach direction.
+        """Indices, ascending, of at most n grasps that are good and spread over position and orientation.
 
         The best of all is the first. Each next one has the largest quality times distance to those already chosen; the
-        distance adds the grasp centres' (over the spread of all centres) to the angle between the approach directions
+        distance adds the grasp centres' (over the spread of all centres) to the angle between the hands' orientations
         (over half a turn).
         """
         if n >= len(self):
             return np.arange(len(self))
-        centers, approach = self.part_from_hand[:, :3, 3], self.part_from_hand[:, :3, 2]
+        centers, rotations = self.part_from_hand[:, :3, 3], self.part_from_hand[:, :3, :3].reshape(-1, 9)
         spread = max(float(np.linalg.norm(centers - centers.mean(axis=0), axis=-1).max()), _UNIT)
         nearest, chosen = np.full(len(self), np.inf), [int(np.argmax(self.quality))]
         while len(chosen) < n:
             last = chosen[-1]
-            angle = np.arccos(np.clip(approach @ approach[last], -1.0, 1.0))
+            angle = np.arccos(np.clip((rotations @ rotations[last] - 1.0) / 2.0, -1.0, 1.0))
             nearest = np.minimum(nearest, np.linalg.norm(centers - centers[last], axis=-1) / spread + angle / np.pi)
             nearest[last] = -np.inf
             chosen.append(int(np.argmax((self.quality + _UNIT) * nearest)))
@@ -138,21 +142,48 @@ class GraspSet:
         """
         cure = "write it again with GraspSet.save or `kumitate grasps`"
         try:
-            with np.load(path, allow_pickle=False) as file:
-                header = json.loads(str(file["header"][()]))
-                arrays: dict[str, Any] = {name: file[name] for name in _ARRAYS}
-            if header["format"] != FORMAT:
-                raise InputError(path, f"format {header['format']}, and this version reads {FORMAT}", cure)
-            record = tuple(Stage(**row) for row in header["record"])
-            names: dict[str, Any] = {name: str(header[name]) for name in ("part", "hand", "key")}
+            header, arrays = _read(Path(path))
+            if header.format != FORMAT:
+                raise InputError(path, f"format {header.format}, and this version reads {FORMAT}", cure)
         except FileNotFoundError as error:
             raise InputError(path, "there is no such file", "check the path") from error
-        except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        except InputError:
+            raise
+        except Exception as error:  # numpy, zipfile, zlib and json raise a dozen errors at random bytes
             raise InputError(path, f"no grasp set ({error})", cure) from error
         try:
-            return cls(**names, **arrays, record=record)
+            return cls(part=header.part, hand=header.hand, **arrays, record=header.record, key=header.key)
         except InputError as error:
             raise InputError(f"{path}: {error.place}", error.problem, cure) from error
+
+
+class _Header(msgspec.Struct, frozen=True):
+    format: int
+    part: str
+    hand: str
+    key: str
+    record: tuple[Stage, ...]
+
+
+def _read(path: Path) -> tuple[_Header, dict[str, Any]]:
+    """Header and arrays of a file, of which nothing is unpickled, and no array larger than what is there for it."""
+    with zipfile.ZipFile(path) as file:
+        if (size := sum(entry.file_size for entry in file.infolist())) > LARGEST_FILE:
+            raise ValueError(f"{size} bytes are more than {LARGEST_FILE}")
+        header, *arrays = (_array(file.read(f"{name}.npy")) for name in ("header", *_ARRAYS))
+    return msgspec.json.decode(str(header[()]), type=_Header), dict(zip(_ARRAYS, arrays, strict=True))
+
+
+def _array(data: bytes) -> npt.NDArray[Any]:
+    """An array in numpy's format, of exactly the numbers that its header claims."""
+    stream = BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, kind = read_header(stream)
+    if kind.hasobject or prod(shape) * kind.itemsize != len(data) - stream.tell():
+        raise ValueError(f"an array claims shape {shape} and type {kind}, and there are {len(data)} bytes")
+    array = np.frombuffer(data, kind, prod(shape), stream.tell()).reshape(shape, order="F" if fortran else "C")
+    return array.copy()  # aligned, and its own
 
 
 def _shapes(n: int, k: int) -> dict[str, tuple[int, ...]]:

@@ -18,7 +18,6 @@ from ..transforms import Array, compose, invert
 from .reach import APPROACH, LIFT, ROOM, Holder, Node, Reacher, Rows, followed_line
 
 _LOOKED = 240  # well-spread grasps that answer
-_BRANCHES = 3  # of inverse kinematics for each, those nearest to home
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -88,19 +87,25 @@ class Diagnosis:
         """How many grasps each cause stands against, alone or with others."""
         counts: Counter[Cause] = Counter()
         for causes, n in self.stopped.items():
-            counts.update(dict.fromkeys(causes, n))
+            counts.update(dict.fromkeys(sorted(causes), n))
         return counts
 
-    @property
-    def decisive(self) -> Counter[Cause]:
-        """How many grasps would work without each cause; where none would without one, without as few as possible."""
-        fewest = min(map(roots, self.stopped), default=0)
-        counts: Counter[tuple[str, ...]] = Counter()
-        for causes, n in self.stopped.items():
+
+def decisive(groups: Iterable[Counter[frozenset[Cause]]]) -> Counter[Cause]:
+    """How many grasps would work without each cause; in a group where none would, without as few others as possible.
+
+    Each group counts sets of causes, as a diagnosis does. What is to blame in several forms, as a body that hands and
+    parts meet, is told once, in its most frequent one.
+    """
+    counts, forms = Counter[tuple[str, ...]](), Counter[Cause]()
+    for stopped in groups:
+        fewest = min(map(roots, stopped), default=0)
+        for causes, n in stopped.items():
             if roots(causes) == fewest:
-                counts.update(dict.fromkeys({cause.root for cause in causes}, n))
-        shown = {cause.root: cause for cause, _ in reversed(self.each.most_common())}  # each by its most frequent form
-        return Counter({shown[root]: n for root, n in counts.items()})
+                counts.update({root: n for root in sorted({cause.root for cause in causes})})
+                forms.update(dict.fromkeys(sorted(causes), n))
+    shown = {cause.root: cause for cause, _ in reversed(forms.most_common())}
+    return Counter({shown[root]: n for root, n in counts.items()})
 
 
 def roots(causes: Iterable[Cause]) -> int:
@@ -114,20 +119,22 @@ def diagnose(reacher: Reacher, node: Node, arm: str) -> Diagnosis:
     rows = holder.grasps.spread(_LOOKED)
     state = reacher.state_at(node)
     common = {Cause("part against", _others(pair, part)) for pair in reacher.scene.checker(state).static}
-    against = _hands(reacher, node, holder, rows, state)
-    ways: dict[int, list[tuple[set[Cause], Array | None]]] = {int(row): [] for row in rows}
-    for row, found, causes in _arm_ways(reacher, node, holder, rows, state):
-        ways[row].append((causes, found))
-    stopped: Counter[frozenset[Cause]] = Counter()
-    closest: Candidate | None = None
-    nowhere: tuple[set[Cause], Array | None] = ({Cause(f"{_NO_ANSWER} at the grasp")}, None)
-    for row, branches in ways.items():
-        met, q = min(branches, key=lambda way: roots(way[0]), default=nowhere)
-        every = frozenset(common | against[row] | met)
-        stopped[every] += 1
-        if closest is None or roots(every) < roots(closest.causes):
-            closest = Candidate(row, q, every)
-    return Diagnosis(node, part, arm, len(holder.grasps), len(rows), stopped, closest)
+    against = {row: common | met for row, met in _hands(reacher, node, holder, rows, state).items()}
+    ways: dict[int, list[Candidate]] = {row: [] for row in against}
+    for row, q, met in _arm_ways(reacher, node, holder, rows, state):
+        ways[row].append(Candidate(row, q, frozenset(against[row] | met)))
+    nowhere = Cause(f"{_NO_ANSWER} at the grasp")
+    best = [
+        min(found, key=_distance, default=Candidate(row, None, frozenset(against[row] | {nowhere})))
+        for row, found in ways.items()
+    ]
+    stopped = Counter(candidate.causes for candidate in best)
+    return Diagnosis(node, part, arm, len(holder.grasps), len(rows), stopped, min(best, key=_distance, default=None))
+
+
+def _distance(candidate: Candidate) -> tuple[int, bool]:
+    """How far a candidate is from working; one that the arm can reach can be looked at."""
+    return roots(candidate.causes), candidate.q is None
 
 
 def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: SceneState) -> dict[int, set[Cause]]:
@@ -145,21 +152,19 @@ def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: Scen
                 against[int(row)].add(Cause("hand against", (name,)))
     own = holder.hands(closed=True).hit(rows, reacher.scene.bodies[reacher.part], np.eye(4), without=holder.gripping)
     for row in rows[own]:
-        against[int(row)].add(Cause("closed hand against", (reacher.part,)))
+        against[int(row)].add(Cause("closed hand against the part itself"))
     return against
 
 
 def _arm_ways(
     reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: SceneState
 ) -> Iterator[tuple[int, Array, set[Cause]]]:
-    """For each grasp and each of some branches of inverse kinematics: configuration, and what stands against it."""
+    """For each grasp and each branch of inverse kinematics, those near home first: configuration, what is against it."""
     arm, home = holder.arm, reacher.scene.robot.home[holder.arm.indices]
     flanges = node.world_from_part @ holder.part_from_flange[rows]
     found = arm.solver(flanges)
     nearest = np.lexsort((np.abs(found.q - home).max(axis=1, initial=0.0), found.target))
-    rank = np.arange(len(nearest)) - np.searchsorted(found.target[nearest], found.target[nearest])
-    chosen = nearest[rank < _BRANCHES]
-    targets, joints = found.target[chosen], found.q[chosen]
+    targets, joints = found.target[nearest], found.q[nearest]
     looks = [(state, joints, np.ones(len(joints), dtype=bool), "")]
     if node.to_leave:
         back = -APPROACH * (node.world_from_part @ holder.grasps.part_from_hand[rows])[targets, :3, 2]
@@ -168,15 +173,16 @@ def _arm_ways(
         lifted = reacher.state.with_pose(reacher.part, compose(np.eye(3), LIFT * _UP) @ node.world_from_part)
         up = np.tile(LIFT * _UP, (len(joints), 1))
         looks.append((lifted, *followed_line(arm, joints, flanges[targets], up), "along the lift"))
+    openings = holder.grasps.approach_opening if node.to_leave else holder.grasps.opening
+    pads = holder.open_contacts if node.to_leave else holder.pads
     for i, (target, q) in enumerate(zip(targets, joints, strict=True)):
         row, causes = int(rows[target]), set[Cause]()
-        opening = float((holder.grasps.approach_opening if node.to_leave else holder.grasps.opening)[row])
         for where, places, followed, line in looks:
             if not followed[i]:
                 causes.add(Cause(f"{_NO_ANSWER} {line}"))
                 continue
-            held = where.with_opening(arm.name, opening)
-            held = held.with_contacts([*held.contacts, *holder.pads(reacher.part, row)])
+            held = where.with_opening(arm.name, float(openings[row]))
+            held = held.with_contacts([*held.contacts, *pads(reacher.part, row)])
             configuration = reacher.scene.robot.with_joints(held.q, arm.name, places[i][None])[0]
             for pair in reacher.scene.checker(held, {arm.name}).touching(configuration):
                 causes.add(_meeting(pair, reacher, arm.name))

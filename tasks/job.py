@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
-from ..errors import PlanningError
 from ..grasping.grasps import GraspSet
 from ..grasping.joined import hold_whole, join_parts
 from ..grasping.part import Part
@@ -22,23 +20,10 @@ from ..regrasp.steps import Motions
 from ..robots.state import Body, SceneState
 from ..transforms import Array, invert, pose
 from .cell import Cell
+from .deadline import Deadline
 
-Progress = Callable[[str], None]
 _SAME = 1e-9
 _MOST_GRASPS = 1000  # well-spread grasps of a part; more take time and open hardly any new way
-
-
-class TimeLimitError(PlanningError):
-    """The overall time limit is over.
-
-    Attributes:
-        seconds: The limit [s].
-    """
-
-    def __init__(self, seconds: float, doing: str) -> None:
-        """Tell what was being done."""
-        self.seconds = seconds
-        super().__init__(f"the time limit of {seconds:g} s was over while planning: {doing}; give more time")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,30 +63,15 @@ class Job:
         cell: The cell.
         seed: Seed of all samples and searches.
         motions: The motions so far, and where everything is after them.
+        tell: Reports what is being done.
     """
 
-    def __init__(self, cell: Cell, seed: int, time_limit: float, progress: Progress) -> None:
-        self.cell, self.seed = cell, seed
-        self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed, self._check_time)
+    def __init__(self, cell: Cell, seed: int, deadline: Deadline) -> None:
+        self.cell, self.seed, self.tell = cell, seed, deadline.tell
+        self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed, deadline.check)
         self._used: dict[str, GraspSet] = {}
         self._grasps: dict[tuple[str, str], GraspSet] = {}
         self._wholes: dict[tuple[object, ...], Whole] = {}
-        self._doing = "the start"
-        self._end, self._limit, self._progress = perf_counter() + time_limit, time_limit, progress
-
-    def tell(self, doing: str) -> None:
-        """Report what is being done.
-
-        Raises:
-            TimeLimitError: The time is over.
-        """
-        self._doing = doing
-        self._check_time()
-        self._progress(doing)
-
-    def _check_time(self) -> None:
-        if perf_counter() > self._end:
-            raise TimeLimitError(self._limit, self._doing)
 
     # Parts ------------------------------------------------------------------------------------------------------------
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..errors import InputError, NoRegraspError, PlanningError
+from ..errors import InputError, NoRegraspError, PlanningError, TimeLimitError
 from ..regrasp.reach import Node, Reacher
-from .job import Job, TimeLimitError
+from .job import Job
 from .targets import place_nodes
 from .task import Goal, Place
 
@@ -48,13 +48,19 @@ def in_some_order(job: Job, goals: Sequence[Goal], reach: Callable[[int, list[in
     """
     failures: list[str] = []
     dead: set[frozenset[int]] = set()
+    kept_out: set[tuple[int, int]] = set()  # what is in place only gets more, so that once is always
+
+    def keeps_out(number: int, other: int) -> bool:
+        if (number, other) not in kept_out and _keeps_out(job, goals[number], goals[other]):
+            kept_out.add((number, other))
+        return (number, other) in kept_out
 
     def finish(left: frozenset[int]) -> bool:
         if not left:
             return True
         for number in sorted(left) if left not in dead else ():
             others = sorted(left - {number})
-            blocked = next((other for other in others if _keeps_out(job, goals[number], goals[other])), None)
+            blocked = next((other for other in others if keeps_out(number, other)), None)
             if blocked is not None:
                 failures.append(f"goal {number + 1} in place keeps goal {blocked + 1} from being reached")
                 continue

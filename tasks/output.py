@@ -33,7 +33,7 @@ def say_json(answer: Any) -> None:
 
 def say_error(error: KumitateError, *, as_json: bool) -> None:
     """Print what went wrong, and what was tried, to the terminal; for programs with the other answers too."""
-    report = getattr(error, "report", ())
+    report = [str(line) for line in getattr(error, "report", ())]
     sys.stderr.write("".join([f"kumitate: {error}\n", *(f"  {line}\n" for line in report)]))
     if as_json:
         say_json({"error": {"kind": type(error).__name__, "message": str(error), "report": report}})

@@ -7,10 +7,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
+from ..errors import InputError, TimeLimitError
 from .output import check_writable, progress_line, say, say_json, write_file
 from .quantities import parse_quantity
-from .supervised import TimeLimitError, told
 
 if TYPE_CHECKING:
     from .document import Plan
@@ -51,7 +50,6 @@ def _plan(options: argparse.Namespace) -> int:
     started = perf_counter()
     import msgspec
 
-    from . import job
     from .planner import plan
     from .task_file import in_file, read_task
 
@@ -68,8 +66,8 @@ def _plan(options: argparse.Namespace) -> int:
         try:
             left = limit - (perf_counter() - started)
             made = plan(task, options.task.parent, seed=seed, time_limit=left, progress=progress)
-        except job.TimeLimitError:
-            raise TimeLimitError(limit, told()) from None
+        except TimeLimitError as error:
+            raise TimeLimitError(limit, error.doing) from None
         except InputError as error:
             raise in_file(error, options.task) from error
         content = msgspec.json.encode(made)

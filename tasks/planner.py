@@ -9,12 +9,13 @@ from time import perf_counter
 
 import msgspec
 
-from ..errors import InputError, PlanningError
+from ..errors import InputError, PlanningError, TimeLimitError
 from .assembly import attach
 from .cell import build_cell
+from .deadline import Deadline, Progress
 from .document import FORMAT, Plan
 from .goals import go_home, hand_over, make_way, place, put_down
-from .job import Job, Progress, TimeLimitError
+from .job import Job
 from .models import model_digests
 from .order import in_some_order
 from .reasons import NoPlanError, reasons
@@ -71,11 +72,11 @@ def plan(
         raise InputError("seed", f"{seed!r} is no seed", f"give a whole number from 0 to {_LARGEST_SEED}")
     if not task.goals:
         raise InputError("goals", "there is nothing to do", "give at least one goal")
-    clock = _Clock()
-    progress("cell")
+    clock, deadline = _Clock(), Deadline(time_limit, progress)
+    deadline.tell("cell")
     cell = build_cell(task, folder)
     clock.stage("cell")
-    job = Job(cell, seed, time_limit, progress)
+    job = Job(cell, seed, deadline)
     for part in cell.parts:
         for arm in cell.robot.hands:
             job.grasps(part, arm)
@@ -96,7 +97,7 @@ def plan(
         seconds={},
     )
     clock.stage("document")
-    progress("verification")
+    deadline.tell("verification")
     verification = verify(made)
     clock.stage("verification")
     if not verification.ok:

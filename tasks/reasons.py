@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ..errors import PlanningError
-from ..regrasp.diagnosis import Cause, Diagnosis, diagnose, roots
+from ..errors import NoRegraspError, PlanningError
+from ..regrasp.diagnosis import Cause, Diagnosis, decisive, diagnose, roots
 from ..regrasp.reach import Node, Reacher
 from ..regrasp.report import Count
 from ..regrasp.steps import Attempt

@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from ..errors import KumitateError, PlanningError
+from ..errors import KumitateError, PlanningError, TimeLimitError
 from ..regrasp.placements import find_placements
 from ..robots.library import HANDS
 from ..transforms import Array, compose, pose, rotation_about, rpy_from_rotation, transform_points
 from .cell import Cell, build_cell
-from .job import Progress, TimeLimitError
+from .deadline import Progress
 from .planner import plan
 from .reasons import NoPlanError, Report
 from .task import At, Mounted, Task

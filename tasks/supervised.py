@@ -20,27 +20,13 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import NoReturn
 
-from ..errors import KumitateError, PlanningError
+from ..errors import KumitateError, TimeLimitError
 
 CLEAR = "\r\x1b[K"  # back to the start of the terminal's line, and nothing on it
 GRACE = 0.5  # s in which work that looks at the clock itself may end by itself
 _STEP = 0.02  # s between two looks at the child
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _DEATH_OF_PARENT = 1  # PR_SET_PDEATHSIG
-
-
-class TimeLimitError(PlanningError):
-    """The overall time limit is over.
-
-    Attributes:
-        seconds: The limit [s].
-        doing: What was being done.
-    """
-
-    def __init__(self, seconds: float, doing: str) -> None:
-        """Tell what was being done."""
-        self.seconds, self.doing = seconds, doing
-        super().__init__(f"the time limit of {seconds:g} s was over while planning: {doing}; give more time")
 
 
 class CrashError(KumitateError):

@@ -110,15 +110,25 @@ def _rectangle(job: Job, area: Area) -> Support:
 
 
 def _support_below(job: Job, part: str, wanted: Array) -> str:
-    """The body that ``part`` rests on at ``wanted`` (4, 4): it touches it once it is a millimetre lower."""
+    """What ``part``, with what it is assembled to, rests on at ``wanted`` (4, 4): it touches it a millimetre lower."""
     lower = wanted.copy()
     lower[2, 3] -= _REACH
-    scene, state = job.cell.scene, job.motions.state
-    whole = {part, *job.whole(part).others}
-    for name, body in scene.bodies.items():
-        there = invert(lower) @ scene.world_from_body(state, name)
-        if name not in whole and not state.carrier(name)[0] and scene.bodies[part].touches(body, there):
+    scene, state, members = job.cell.scene, job.motions.state, job.whole(part).bodies()
+    carriers = {*job.cell.parts, *(entry.name for entry in job.cell.task.cell if entry.support)}
+    below = [
+        name
+        for name, body in scene.bodies.items()
+        if name not in dict(members) and not state.carrier(name)[0]
+        for member, at in members
+        if scene.bodies[member].touches(body, invert(lower @ at) @ scene.world_from_body(state, name))
+    ]
+    for name in below:
+        if name in carriers:
             return name
+    if below:
+        raise InputError(
+            f"goal: place {part}", f"{below[0]} below it is no support", "add support: true to it in the cell"
+        )
     raise InputError(f"goal: place {part}", "nothing is below it there", "give a pose at which it rests on something")
 
 

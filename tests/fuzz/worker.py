@@ -38,6 +38,7 @@ _MEMORY = 2 * 2**30  # bytes that may be touched
 _ADDRESSES = 3 * 2**30  # bytes that may be asked for, beyond what is there already
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 _PATHS = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.symlink", "os.link", "os.truncate", "os.chmod")
+_TWO_PATHS = ("os.rename", "os.link", "os.symlink")
 _STRANGERS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "socket.connect", "socket.bind")
 
 
@@ -73,16 +74,22 @@ def tried(feed: Callable[[], str], folder: Path) -> Outcome:
         os.close(told)
         _, status, used = os.wait4(child, 0)
     if not finished or (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU):
-        return Outcome("hung", f"after {used.ru_utime + used.ru_stime:.0f} s of processor time")
+        return Outcome("hung", f"after {used.ru_utime + used.ru_stime:.0f} s of processor time{_said(folder)}")
     if used.ru_maxrss * 1024 > _MEMORY:
         return Outcome("memory", f"{used.ru_maxrss / 2**20:.1f} GiB")
     if os.WIFSIGNALED(status) or not answer:
-        return Outcome("crashed", signal.strsignal(os.WTERMSIG(status)) or f"status {status}")
+        return Outcome("crashed", f"{signal.strsignal(os.WTERMSIG(status))}{_said(folder)}")
     outcome, imported = json.loads(answer)
     for module in imported:
         with contextlib.suppress(Exception):
             importlib.import_module(module)  # so that the next process has it already
     return Outcome(*outcome)
+
+
+def _said(folder: Path) -> str:
+    """Where the process was when it was ended, if it told."""
+    told = (folder / "said.txt").read_text(errors="replace")
+    return told[told.rfind("\nCurrent thread") :][:2000] if "\nCurrent thread" in told else ""
 
 
 def _work(feed: Callable[[], str], folder: Path, tell: int) -> None:
@@ -91,6 +98,7 @@ def _work(feed: Callable[[], str], folder: Path, tell: int) -> None:
     os.dup2(said, 1)
     os.dup2(said, 2)
     faulthandler.enable(2)
+    faulthandler.register(signal.SIGXCPU, 2, all_threads=False, chain=True)
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     addresses = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + _ADDRESSES
@@ -139,7 +147,8 @@ def _watch(folder: Path, stray: list[str]) -> Callable[[str, tuple[Any, ...]], N
         if event == "open":
             wrong = bool((arguments[2] or 0) & _WRITING) and not inside(arguments[0])
         elif event in _PATHS:
-            wrong = not all(inside(path) for path in arguments[: 1 + (event in ("os.rename", "os.link"))])
+            paths = arguments[event == "os.symlink" : 1 + (event in _TWO_PATHS)]
+            wrong = not all(inside(path) or (event == "os.mkdir" and Path(path).is_dir()) for path in paths)
         else:
             wrong = event in _STRANGERS
         if wrong:

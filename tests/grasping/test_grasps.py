@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -91,6 +92,21 @@ def header(path, **changes):
         return np.array(json.dumps({**json.loads(str(file["header"][()])), **changes}))
 
 
+def claimed(shape, kind="<f8"):
+    """An array of two numbers whose header claims another shape or kind."""
+    head = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(16)
+
+
+def with_entry(path, name, data):
+    """The file with other contents of an entry, which are packed."""
+    with zipfile.ZipFile(path) as file:
+        entries = {**{entry: file.read(entry) for entry in file.namelist()}, f"{name}.npy": data}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+        for entry, content in entries.items():
+            file.writestr(entry, content)
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -104,6 +120,11 @@ def header(path, **changes):
         (lambda p, g: rewritten(p, header=np.array("{")), "no grasp set"),
         (lambda p, g: rewritten(p, header=header(p, format=99)), "format 99"),
         (lambda p, g: rewritten(p, header=header(p, record=[{"name": "x"}])), "no grasp set"),
+        (lambda p, g: rewritten(p, header=header(p, part=["x"])), "no grasp set"),
+        (lambda p, g: with_entry(p, "opening", claimed("(10**9,)")), "no grasp set"),
+        (lambda p, g: with_entry(p, "opening", claimed("(1000000000000,)")), "claims shape"),
+        (lambda p, g: with_entry(p, "opening", claimed("(2, 3")), "no grasp set"),
+        (lambda p, g: with_entry(p, "header", claimed("(1,)", "|O")), "no grasp set"),
         (lambda p, g: rewritten(p, opening=g.opening[:-1]), "opening: shape"),
         (lambda p, g: rewritten(p, quality=np.full(len(g), np.nan)), "quality"),
         (lambda p, g: rewritten(p, part_from_hand=2.0 * g.part_from_hand), "no rigid pose"),
@@ -119,6 +140,15 @@ def test_a_malformed_file_is_refused_with_the_reason(grasps, tmp_path, spoil, wo
     with pytest.raises(InputError, match=words) as error:
         GraspSet.load(path)
     assert "g.npz" in str(error.value)
+
+
+def test_what_is_much_larger_unpacked_is_not_unpacked(grasps, tmp_path, monkeypatch):
+    monkeypatch.setattr("kumitate.grasping.grasps.LARGEST_FILE", 10**6)
+    grasps.save(tmp_path / "g.npz")
+    with_entry(tmp_path / "g.npz", "opening", bytes(10**6))
+    assert (tmp_path / "g.npz").stat().st_size < 10**5
+    with pytest.raises(InputError, match="more than 1000000"):
+        GraspSet.load(tmp_path / "g.npz")
 
 
 def test_nothing_is_pickled(grasps, tmp_path):

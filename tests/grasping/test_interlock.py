@@ -120,7 +120,7 @@ def test_the_single_finger_of_either_stands_between_the_two_of_the_other(hand, g
 def test_hands_clear_the_part_with_their_fingers_a_bit_open_and_touch_it_with_them_closed(part, hand, taker, rng):
     """By python-fcl: all pieces of the hand against the part."""
     body = _object(part.mesh)
-    for i in rng.choice(len(taker), 60, replace=False):
+    for i in rng.choice(len(taker), 30, replace=False):
         base = taker.part_from_hand[i] @ invert(hand.base_from_hand(taker.opening[i : i + 1])[0])
         for opening, touching in ((taker.opening[i] + 1e-3, False), (taker.opening[i] - 1e-4, True)):
             poses = base @ hand.base_from_piece([opening])[0]

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from kumitate.tasks.assembly import NoMeetingError, attach
 from kumitate.tasks.cell import build_cell
+from kumitate.tasks.deadline import Deadline
 from kumitate.tasks.job import Job
 from kumitate.tasks.task import At
 from kumitate.tasks.task_file import read_task
@@ -18,7 +19,7 @@ IN_TUBE = pose([0.0, 0.0, -0.045], [np.pi, 0.0, 0.0])
 
 @pytest.fixture
 def job(block_cell):
-    return Job(block_cell, 0, 600.0, lambda doing: None)
+    return Job(block_cell, 0, Deadline(600.0))
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def goal(block_task):
 @pytest.fixture(scope="module")
 def done(block_cell, block_task):
     """The job once the peg is in the tube, nothing of it pinned."""
-    job = Job(block_cell, 0, 600.0, lambda doing: None)
+    job = Job(block_cell, 0, Deadline(600.0))
     attach(job, block_task.goals[2].attach, [])
     return job
 
@@ -102,7 +103,7 @@ def test_a_meeting_out_of_reach_is_told_and_leaves_no_motion(job, goal):
 def test_the_first_of_two_wheels_leaves_room_for_the_second(wheel_folder):
     """What is to come is looked at before the holding grasp is chosen: the support is not taken anew between them."""
     task = read_task(wheel_folder / "two_wheels.yaml")
-    job = Job(build_cell(task, wheel_folder), 0, 600.0, lambda doing: None)
+    job = Job(build_cell(task, wheel_folder), 0, Deadline(600.0))
     first, second = (goal.attach for goal in task.goals)
     attach(job, first, [second])
     attach(job, second, [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from kumitate.errors import InputError, NoRegraspError
 from kumitate.tasks import cli, schema_command
 from kumitate.tasks.cli import main
 
-COMMANDS = ["plan", "verify", "replay", "export", "grasps", "placements", "robots", "schema"]
+COMMANDS = ["plan", "explain", "verify", "replay", "export", "grasps", "placements", "robots", "schema"]
 HEAVY = ["numpy", "scipy", "trimesh", "pinocchio", "coal", "fcl", "ompl", "toppra", "networkx", "meshcat", "msgspec"]
 
 
@@ -90,22 +91,46 @@ def test_an_interrupt_is_exit_130_and_leaves_the_handler_as_it_was(monkeypatch, 
     assert capsys.readouterr().err == ""
 
 
-def test_an_interrupt_that_a_library_swallows_ends_it_all_the_same():
+def schema_that(work, *call):
+    """The command line of a program whose ``kumitate schema`` does something else."""
     code = (
-        "import os, signal\n"
+        "import os, signal, sys, time\n"
         "from kumitate.tasks import cli, schema_command\n"
-        "def library(options):\n"
-        "    try:\n"
-        "        signal.raise_signal(signal.SIGINT)\n"
-        "    except BaseException:\n"
-        "        pass\n"
-        "    return 0\n"
-        "schema_command._schema = library\n"
-        "raise SystemExit(cli.main(['schema']))\n"
+        "def work(options):\n" + "".join(f"    {line}\n" for line in work.splitlines()) + "    return 0\n"
+        f"schema_command._schema, sys.argv[1:] = work, ['schema']\n"
+        f"sys.exit(cli.main({', '.join(call)}))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 130
-    assert done.stderr == ""
+    return [sys.executable, "-c", code]
+
+
+@pytest.mark.parametrize("call", [(), ("['schema']",)], ids=["program", "function"])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_a_library_swallows_ends_it_all_the_same(call, number, code):
+    work = f"try:\n    signal.raise_signal({number:d})\nexcept BaseException:\n    pass"
+    done = subprocess.run(schema_that(work, *call), capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stderr == done.stdout == ""
+
+
+def test_a_library_that_has_no_ear_for_signals_is_ended():
+    work = "print('ready', flush=True)\nsum(range(10**12))"
+    with subprocess.Popen(schema_that(work), stdout=subprocess.PIPE, text=True) as running:
+        running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=1.0) == 130
+        assert running.stdout.read() == ""  # and nobody is left who could write
+
+
+def test_a_library_that_crashes_is_told():
+    done = subprocess.run(schema_that("os.abort()"), capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "kumitate: ended by SIGABRT while at: the start\n"
+
+
+def test_called_by_other_code_it_forks_nothing(monkeypatch, capsys):
+    answering(monkeypatch, lambda options: print(os.getpid()) or 0)  # noqa: T201
+    assert main(["schema"]) == 0
+    assert int(capsys.readouterr().out) == os.getpid()
 
 
 def test_a_reader_that_has_enough_is_no_error():
@@ -116,6 +141,15 @@ def test_a_reader_that_has_enough_is_no_error():
     os.close(writing)
     assert done.returncode == 0
     assert done.stderr == ""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")  # noqa: PTH110
+@pytest.mark.parametrize("what", ["print('x')", "for _ in range(10_000):\n    print('x' * 100)"])
+def test_an_answer_that_finds_no_room_is_told(what):
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(schema_that(what), stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert re.fullmatch(r"kumitate: the answer cannot be written \(.*No space left on device\)\n", done.stderr)
 
 
 def test_the_package_names_it_as_its_command():

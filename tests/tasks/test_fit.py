@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from kumitate.regrasp.reach import APPROACH
+from kumitate.tasks.deadline import Deadline
 from kumitate.tasks.fit import Fit, Insertion
 from kumitate.tasks.job import Job
 from kumitate.transforms import invert, pose
@@ -19,7 +20,7 @@ SHARES = np.linspace(0.0, 1.0, 71)  # a millimetre apart
 
 @pytest.fixture(scope="module")
 def job(wheel_cell):
-    return Job(wheel_cell, 0, 600.0, lambda doing: None)
+    return Job(wheel_cell, 0, Deadline(600.0))
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,13 @@ from kumitate.regrasp.handovers import HandoverPairs
 from kumitate.regrasp.reach import Holder
 from kumitate.robots.library import load_robot
 from kumitate.tasks.cell import Cell, build_cell
+from kumitate.tasks.deadline import Deadline
 from kumitate.tasks.goals import hand_over
 from kumitate.tasks.interlock import LockedPairs
 from kumitate.tasks.job import Job
 from kumitate.tasks.task import At, HandOver
 from kumitate.tasks.task_file import task_of
-from kumitate.transforms import compose, invert, pose, pose_distance, transform_points
+from kumitate.transforms import invert, pose, pose_distance, transform_points
 
 HANDS = {"left": "hrp5p_three_finger", "right": "hrp5p_three_finger"}
 TO_LEFT = HandOver("bar", "left", At((0.45, 0.2, 0.4)), interlocked=True)
@@ -53,7 +54,7 @@ def cell(tmp_path_factory) -> Cell:
 
 
 def new_job(cell: Cell) -> Job:
-    return Job(cell, 0, 600.0, lambda doing: None)
+    return Job(cell, 0, Deadline(600.0))
 
 
 @pytest.fixture(scope="module")

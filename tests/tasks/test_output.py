@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
 import pty
+import resource
+import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ import pytest
 from kumitate.errors import InputError, PlanningError
 from kumitate.tasks import output
 from kumitate.tasks.output import check_writable, progress_line, say_error, say_json, write_file
+from kumitate.tasks.supervised import told
 
 
 def test_a_file_is_whole(tmp_path):
@@ -73,6 +78,47 @@ def test_where_nothing_can_be_written_is_told(tmp_path, place):
         check_writable(path)
 
 
+@pytest.fixture
+def nearly_full():
+    """No file can get longer than 1000 bytes: what a full disk is to a writer."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: path.write_bytes(bytes(10_000)),
+        lambda path: path.write_text("x" * 10_000),
+        lambda path: np.savez(path, array=np.zeros(10_000)),
+    ],
+)
+def test_a_full_disk_leaves_what_was_there_and_is_told(tmp_path, nearly_full, write):
+    file = tmp_path / "a.npz"
+    file.write_text("old")
+    with pytest.raises(InputError, match="cannot be written") as caught:
+        write_file(file, write)
+    assert "make room" in caught.value.cure
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize(
+    ("number", "cure"), [(errno.ENOSPC, "make room"), (errno.EDQUOT, "make room"), (errno.EROFS, "yours")]
+)
+def test_what_the_system_says_is_told(tmp_path, number, cure):
+    def refused(path):
+        raise OSError(number, os.strerror(number))
+
+    with pytest.raises(InputError, match=os.strerror(number)) as caught:
+        write_file(tmp_path / "a.txt", refused)
+    assert cure in caught.value.cure
+
+
 def test_what_can_be_written_is_not_touched_by_the_check(tmp_path):
     check_writable(tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []
@@ -91,10 +137,20 @@ def test_errors_are_told_to_programs_too(capsys):
     assert json.loads(captured.out) == {"error": {"kind": "PlanningError", "message": "no way", "report": []}}
 
 
+def test_a_report_is_told_as_sentences_whatever_it_is_made_of(capsys):
+    error = PlanningError("no way")
+    error.report = iter([Path("one"), "two"])
+    say_error(error, as_json=True)
+    captured = capsys.readouterr()
+    assert captured.err == "kumitate: no way\n  one\n  two\n"
+    assert json.loads(captured.out)["error"]["report"] == ["one", "two"]
+
+
 def test_there_is_no_progress_in_a_pipe(capsys):
     with progress_line() as progress:
         progress("thinking")
     assert capsys.readouterr().err == ""
+    assert told() == "thinking"  # by whoever ends it
 
 
 def test_progress_redraws_one_line_of_a_terminal_and_clears_it(monkeypatch):
@@ -113,6 +169,7 @@ def test_progress_redraws_one_line_of_a_terminal_and_clears_it(monkeypatch):
     assert len(lines[2]) < 200  # cut to the terminal's width
     assert lines[-1] == ""
     assert "\n" not in shown
+    assert told() == "x" * 500
 
 
 def test_say_prints_lines(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial import ConvexHull
 
 from kumitate.errors import InputError, NoRegraspError
 from kumitate.regrasp.reach import Node, Reacher
 from kumitate.robots.state import Attachment, Contact, SceneState
 from kumitate.tasks.cell import build_cell
+from kumitate.tasks.deadline import Deadline
 from kumitate.tasks.job import Job
 from kumitate.tasks.targets import hold_nodes, lies_in, place_nodes, turned
 from kumitate.tasks.task import Area, At, HandOver, Place
@@ -62,7 +65,7 @@ def cell(tmp_path_factory):
 @pytest.fixture
 def job(cell):
     """A job once the cap is on the stem."""
-    job = Job(cell, 0, 600.0, lambda doing: None)
+    job = Job(cell, 0, Deadline(600.0))
     state = job.motions.state
     standing = {name: at for name, at in state.poses.items() if name != "cap"}
     contacts = tuple(contact for contact in state.contacts if "cap" not in (contact.first, contact.second))
@@ -132,9 +135,27 @@ def test_a_part_is_held_at_every_turn(job):
     assert {(node.support, node.to_leave) for node in nodes} == {(None, False)}
 
 
+def test_what_is_assembled_may_stand_on_any_of_its_parts(job):
+    """On its cap, the stem in the air; and the cap in the air, the stem on the pallet."""
+    on_cap = place_nodes(job, Place("stem", At((0.4, -0.1, TABLE + 0.04), (np.pi, 0.0, 0.0))))
+    on_stem = place_nodes(job, Place("cap", At((0.4, 0.45, TABLE + 0.105), (np.pi, 0.0, 0.5))))
+    assert [node.support for node in (*on_cap, *on_stem)] == ["table", "pallet"]
+    for node in (*on_cap, *on_stem):
+        assert job.cell.scene.touching(at(job, node)) == ()
+
+
 def test_nothing_below_a_pose_is_refused(job):
     with pytest.raises(InputError, match="nothing is below it there"):
         place_nodes(job, Place("cap", At((0.4, -0.1, TABLE + 0.07), (np.pi, 0.0, 0.0))))
+
+
+def test_what_is_no_support_carries_nothing(job):
+    """As the verifier has it, too."""
+    cell = job.cell
+    others = tuple(replace(entry, support=False) for entry in cell.task.cell)
+    job.cell = dataclasses.replace(cell, task=replace(cell.task, cell=others))
+    with pytest.raises(InputError, match="table below it is no support; add support: true"):
+        place_nodes(job, Place("cap", At((0.4, -0.1, TABLE + 0.065), (np.pi, 0.0, 0.0))))
 
 
 # Areas ----------------------------------------------------------------------------------------------------------------
@@ -231,7 +252,7 @@ def test_an_area_in_which_it_cannot_rest_is_told(job, area, words):
 
 def test_what_stands_in_an_area_already_takes_its_room(cell):
     """Around the cap, which still lies beside the stem, there is no room for it; as far away there is."""
-    job = Job(cell, 0, 600.0, lambda doing: None)
+    job = Job(cell, 0, Deadline(600.0))
     upright = (0.0, 0.0, 1.0)
     assert place_nodes(job, Place("stem", area=Area("table", ((0.35, -0.17), (0.45, -0.03)), upright)))
     with pytest.raises(NoRegraspError, match="no room"):

@@ -12,6 +12,7 @@ from own_kinematics import Flanges
 
 from kumitate.errors import NoRegraspError
 from kumitate.tasks.cell import Cell
+from kumitate.tasks.deadline import Deadline
 from kumitate.tasks.job import Job
 from kumitate.tasks.task import At, Grasping, Insert, Use
 from kumitate.tasks.task_checks import grasp_parameters
@@ -46,7 +47,7 @@ def cell(block_cell) -> Cell:
 
 @pytest.fixture
 def job(cell):
-    return Job(cell, 0, 600.0, lambda doing: None)
+    return Job(cell, 0, Deadline(600.0))
 
 
 def changed(**fields) -> Use:
