@@ -91,21 +91,23 @@ class Diagnosis:
         return counts
 
 
-def decisive(groups: Iterable[Counter[frozenset[Cause]]]) -> Counter[Cause]:
+def decisive(groups: Iterable[Counter[frozenset[Cause]]]) -> list[tuple[Cause, int]]:
     """How many grasps would work without each cause; in a group where none would, without as few others as possible.
 
-    Each group counts sets of causes, as a diagnosis does. What is to blame in several forms, as a body that hands and
-    parts meet, is told once, in its most frequent one.
+    Each group counts sets of causes, as a diagnosis does. A body that is met in several ways is told once, in the most
+    frequent one. Bodies come first, which can be taken away: without inverse kinematics no grasp was asked further, and
+    what looks like many may be none.
     """
     counts, forms = Counter[tuple[str, ...]](), Counter[Cause]()
     for stopped in groups:
         fewest = min(map(roots, stopped), default=0)
         for causes, n in stopped.items():
             if roots(causes) == fewest:
-                counts.update({root: n for root in sorted({cause.root for cause in causes})})
-                forms.update(dict.fromkeys(sorted(causes), n))
-    shown = {cause.root: cause for cause, _ in reversed(forms.most_common())}
-    return Counter({shown[root]: n for root, n in counts.items()})
+                counts.update(dict.fromkeys({cause.root for cause in causes}, n))
+                forms.update(dict.fromkeys(causes, n))
+    shown = {cause.root: cause for cause, _ in sorted(forms.items(), key=lambda entry: entry[::-1])}
+    found = [(shown[root], n) for root, n in counts.items()]
+    return sorted(found, key=lambda entry: (not entry[0].bodies, -entry[1], entry[0]))
 
 
 def roots(causes: Iterable[Cause]) -> int:
@@ -159,25 +161,25 @@ def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: Scen
 def _arm_ways(
     reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: SceneState
 ) -> Iterator[tuple[int, Array, set[Cause]]]:
-    """For each grasp and each branch of inverse kinematics, those near home first: configuration, what is against it."""
+    """For each grasp and branch of inverse kinematics, those near home first: configuration, and what is against it."""
     arm, home = holder.arm, reacher.scene.robot.home[holder.arm.indices]
     flanges = node.world_from_part @ holder.part_from_flange[rows]
     found = arm.solver(flanges)
     nearest = np.lexsort((np.abs(found.q - home).max(axis=1, initial=0.0), found.target))
     targets, joints = found.target[nearest], found.q[nearest]
-    looks = [(state, joints, np.ones(len(joints), dtype=bool), "")]
+    looks = [(state, joints, np.ones(len(joints), dtype=bool), "at the grasp", "part")]
     if node.to_leave:
         back = -APPROACH * (node.world_from_part @ holder.grasps.part_from_hand[rows])[targets, :3, 2]
-        looks.append((state, *followed_line(arm, joints, flanges[targets], back), "along the approach"))
+        looks.append((state, *followed_line(arm, joints, flanges[targets], back), "along the approach", "part"))
     if node.support is not None:
         lifted = reacher.state.with_pose(reacher.part, compose(np.eye(3), LIFT * _UP) @ node.world_from_part)
         up = np.tile(LIFT * _UP, (len(joints), 1))
-        looks.append((lifted, *followed_line(arm, joints, flanges[targets], up), "along the lift"))
+        looks.append((lifted, *followed_line(arm, joints, flanges[targets], up), "along the lift", "lifted part"))
     openings = holder.grasps.approach_opening if node.to_leave else holder.grasps.opening
     pads = holder.open_contacts if node.to_leave else holder.pads
     for i, (target, q) in enumerate(zip(targets, joints, strict=True)):
         row, causes = int(rows[target]), set[Cause]()
-        for where, places, followed, line in looks:
+        for where, places, followed, line, moved in looks:
             if not followed[i]:
                 causes.add(Cause(f"{_NO_ANSWER} {line}"))
                 continue
@@ -185,15 +187,15 @@ def _arm_ways(
             held = held.with_contacts([*held.contacts, *pads(reacher.part, row)])
             configuration = reacher.scene.robot.with_joints(held.q, arm.name, places[i][None])[0]
             for pair in reacher.scene.checker(held, {arm.name}).touching(configuration):
-                causes.add(_meeting(pair, reacher, arm.name))
+                causes.add(_meeting(pair, reacher, arm.name, moved))
         yield row, reacher.scene.robot.with_joints(state.q, arm.name, q[None])[0], causes
 
 
-def _meeting(pair: tuple[str, str], reacher: Reacher, arm: str) -> Cause:
-    """What it is that two bodies touch."""
+def _meeting(pair: tuple[str, str], reacher: Reacher, arm: str, part: str) -> Cause:
+    """What it is that two bodies touch; ``part`` is what the part is called there."""
     others = _others(tuple(name for name in pair if name in reacher.scene.bodies), reacher.part)
     if reacher.part in pair:
-        return Cause("part against", others or tuple(name for name in pair if name != reacher.part))
+        return Cause(f"{part} against", others or tuple(name for name in pair if name != reacher.part))
     if not others:
         return Cause("robot against itself")
     hand = any(name.startswith(f"{arm}/") for name in pair)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -186,10 +186,18 @@ class Reacher:
         state: Where everything else stands; arms that carry nothing else count as at home.
         part: Name of the part.
         holders: Its grasps by arm.
+        watch: Called before each test; what it raises ends the search.
     """
 
-    def __init__(self, scene: Scene, state: SceneState, part: str, holders: Mapping[str, Holder]) -> None:
-        self.scene, self.part, self.holders = scene, part, holders
+    def __init__(
+        self,
+        scene: Scene,
+        state: SceneState,
+        part: str,
+        holders: Mapping[str, Holder],
+        watch: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.scene, self.part, self.holders, self.watch = scene, part, holders, watch
         self.state = at_rest(scene, state, part)
         self.looked = 0
         self._tested: dict[tuple[object, str], _Tested] = {}
@@ -198,6 +206,7 @@ class Reacher:
 
     def reach(self, node: Node, arm: str, wanted: Mask) -> Reach:
         """The ways of ``arm`` to have the part at ``node`` with the ``wanted`` grasps (n,)."""
+        self.watch()
         holder = self.holders[arm]
         entry = self._tested.get((node.key, arm))
         if entry is None:
@@ -241,6 +250,7 @@ class Reacher:
 
         Hands are clear and inverse kinematics answers; all branches. Causes of what falls are counted in ``dropped``.
         """
+        self.watch()
         holder, state = self.holders[arm], self.state_at(node)
         (grasp,) = np.nonzero(wanted)
         if blocked := self._part_blocked(node, state):

@@ -14,22 +14,37 @@ from ..errors import InputError
 
 Record = TypeVar("Record")
 _LARGEST = 8_000_000  # bytes
+_LARGEST_YAML = 2**17  # characters; they take seconds to read
 
 
 def read_text(path: Path, kind: str) -> str:
     """The text of a file; ``kind`` names it in errors.
 
     Raises:
-        InputError: The file is missing, unreadable, too large, or no text.
+        InputError: The file is missing, no plain file, unreadable, too large, or no text.
     """
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(path, f"the {kind} file is larger than {_LARGEST} bytes", "give a smaller one")
-        return path.read_text(encoding="utf-8")
+        return read_bytes(path, kind, _LARGEST).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"the {kind} file cannot be read ({error})", "give a readable text file") from error
+
+
+def read_bytes(path: Path, kind: str, largest: int) -> bytes:
+    """The contents of a file of at most ``largest`` bytes; ``kind`` names it in errors.
+
+    Raises:
+        InputError: The file is missing, no plain file, unreadable, or too large.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(path, f"the {kind} file cannot be read (it is a folder or a device)", "give a plain file")
+        if path.stat().st_size > largest:
+            raise InputError(path, f"the {kind} file is larger than {largest} bytes", "give a smaller one")
+        return path.read_bytes()
     except FileNotFoundError as error:
         raise InputError(path, f"the {kind} file does not exist", "check the path") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"the {kind} file cannot be read ({error})", "give a readable text file") from error
+    except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
+        raise InputError(path, f"the {kind} file cannot be read ({error})", "give a file that can be read") from error
 
 
 def parse_xml(path: Path, text: str) -> ElementTree.Element:
@@ -50,12 +65,17 @@ def read_yaml(path: Path, kind: type[Record]) -> Record:
     """A record of type ``kind`` (a msgspec structure) from a YAML file.
 
     Raises:
-        InputError: The file is missing, no YAML, uses aliases, or a field is unknown, missing or of the wrong type.
+        InputError: The file is missing, too large, no YAML, uses aliases or tags, or a field is unknown, missing or of
+            the wrong type.
     """
     text = read_text(path, "YAML")
+    if len(text) > _LARGEST_YAML:
+        raise InputError(path, f"it is longer than {_LARGEST_YAML} characters", "give a smaller one")
     try:
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
-            raise InputError(path, "it uses YAML aliases", "write the values out")
+        for event in yaml.parse(text, yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None) is not None:
+                place = f"{path}:{event.start_mark.line + 1}"
+                raise InputError(place, "it uses YAML aliases or tags", "write the plain values out")
         data = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)

@@ -283,6 +283,9 @@ def _apply_limits(model: pin.Model, urdf: Path, path: str | Path | None) -> Arra
         for name, limit in read_yaml(Path(path), LimitsFile).joint_limits.items():
             if name not in names:
                 raise UnknownNameError(path, "joint", name, names)
+            numbers = limit.min_position, limit.max_position, limit.max_velocity, limit.max_acceleration
+            if np.isnan(numbers).any():
+                raise InputError(f"{path}: joint_limits.{name}", "a limit is no number", "give numbers")
             i = names.index(name)
             if limit.has_position_limits:
                 lower[i], upper[i] = max(lower[i], limit.min_position), min(upper[i], limit.max_position)

@@ -18,6 +18,9 @@ from .files import parse_xml, read_text
 from .rigid import Rigid
 from .shapes import Shape, from_coal
 
+_MOST_LINKS, _MOST_SHAPES = 500, 2000  # chains of thousands are too deep for the parser
+_LARGEST = 1e3  # m
+
 
 @dataclass(frozen=True, eq=False)
 class Link(Rigid):
@@ -66,18 +69,22 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
             folders above the file.
 
     Raises:
-        InputError: The file is missing, is no URDF, or has a collision shape that is missing, of no size, or cannot
-            be read.
+        InputError: The file is missing, is no URDF, has too many links, or has a collision shape that is missing, of
+            no size, or cannot be read.
     """
     path = Path(path)
     text = read_text(path, "URDF")
     root = parse_xml(path, text)
     if root.tag != "robot" or not root.get("name"):
         raise InputError(path, "no <robot name=...> at the top", "give a URDF (expand xacro files first)")
+    for what, most in (("link", _MOST_LINKS), ("link/collision", _MOST_SHAPES)):
+        if (count := len(root.findall(what))) > most:
+            raise InputError(path, f"{count} {what} elements, and {most} are the most", "leave out what is not needed")
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             _bound(joint)
     _check_shapes(path, root)
+    mimics = _mimics(path, root)
     try:
         text = ElementTree.tostring(root, encoding="unicode")
         model = pin.buildModelFromXML(text)
@@ -91,16 +98,19 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
         # The parser leaves out what it cannot read, and the robot would pass through things in silence.
         problem = f"only {len(objects)} of {given} collision shapes can be read"
         raise InputError(path, problem, "give each a geometry (box, cylinder, sphere or mesh) and finite numbers")
+    placements = np.array([entry.placement.homogeneous for entry in objects]).reshape(-1, 4, 4)
+    if not (np.abs(placements) < _LARGEST).all():
+        raise InputError(path, "the origin of a collision shape is beyond all measure", f"stay within {_LARGEST:g} m")
     return Urdf(
         path=path,
         model=model,
         geometry=geometry,
         shapes=_shapes(objects),
-        placements=np.array([entry.placement.homogeneous for entry in objects]).reshape(-1, 4, 4),
+        placements=placements,
         links=tuple(model.frames[entry.parentFrame].name for entry in objects),
         joints=tuple(int(entry.parentJoint) for entry in objects),
         colors=np.array([entry.meshColor for entry in objects], dtype=float).reshape(-1, 4),
-        mimics=_mimics(root),
+        mimics=mimics,
     )
 
 
@@ -115,25 +125,27 @@ def _geometry(path: Path, model: pin.Model, text: str, package_dirs: Sequence[st
     for entry in geometry.geometryObjects:
         if isinstance(entry.geometry, coal.BVHModelBase):
             corners = entry.geometry.vertices()
-            if not np.isfinite(corners).all() or not np.ptp(corners, axis=0).any():
+            if not (np.abs(corners) < _LARGEST).all() or not np.ptp(corners, axis=0).any():
                 place = f"{path}: link {model.frames[entry.parentFrame].name}"
-                problem = "its collision mesh has no size, or a corner that is not finite"
+                problem = f"its collision mesh has no size, or a corner that is not within {_LARGEST:g} m"
                 raise InputError(place, problem, "mend the mesh and its scale")
     return geometry
 
 
 def _check_shapes(path: Path, root: ElementTree.Element) -> None:
-    """Refuse sides, radii and lengths of collision shapes that are not above zero."""
+    """Refuse sides, radii and lengths of collision shapes that are not above zero, or beyond all measure."""
     for link in root.findall("link"):
         for shape in link.findall("collision/geometry/*"):
             for field in ("size", "radius", "length"):
                 try:
-                    wrong = not all(0.0 < float(number) < np.inf for number in shape.get(field, "1").split())
+                    wrong = not all(0.0 < float(number) < _LARGEST for number in shape.get(field, "1").split())
                 except ValueError:
                     wrong = True
                 if wrong:
                     place = f"{path}: link {link.get('name')}: {shape.tag}"
-                    raise InputError(place, f"{field}={shape.get(field)!r}", "give finite numbers above 0 m")
+                    raise InputError(
+                        place, f"{field}={shape.get(field)!r}", f"give numbers above 0 m and below {_LARGEST:g} m"
+                    )
 
 
 def _shapes(objects: Sequence[pin.GeometryObject]) -> tuple[Shape, ...]:
@@ -162,12 +174,18 @@ def _bound(joint: ElementTree.Element) -> None:
     limit.set("upper", str(np.pi))
 
 
-def _mimics(root: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
+def _mimics(path: Path, root: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
     mimics = {}
     for joint in root.iter("joint"):
         mimic = joint.find("mimic")
         if mimic is not None:
-            factors = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            try:
+                factors = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            except ValueError:
+                factors = np.nan, np.nan
+            if not np.isfinite(factors).all():
+                place = f"{path}: joint {joint.get('name')}: mimic"
+                raise InputError(place, "multiplier or offset is no finite number", "give numbers")
             mimics[joint.get("name", "")] = (mimic.get("joint", ""), *factors)
     return mimics
 
@@ -175,8 +193,9 @@ def _mimics(root: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
 def _check(path: Path, model: pin.Model) -> None:
     placements = np.array([placement.homogeneous for placement in model.jointPlacements])
     limits = np.concatenate([model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit])
-    if not np.isfinite(placements).all() or np.isnan(limits).any():
-        raise InputError(path, "a joint has a number that is not finite", "give finite origins and limits")
+    if not (np.abs(placements) < _LARGEST).all() or np.isnan(limits).any():
+        cure = f"give origins within {_LARGEST:g} m, and limits that are numbers"
+        raise InputError(path, "a joint has a number that is not finite, or beyond all measure", cure)
     if model.nq != model.njoints - 1:
         raise InputError(path, "a joint is floating or planar", "use fixed, revolute, continuous or prismatic joints")
 

@@ -107,7 +107,7 @@ def _lock(job: Job, whole: Whole, giver: str, taker: str, rows: npt.NDArray[np.i
 
 def _graph(job: Job, part: str, goals: list[Node], lock: _Lock, arms: tuple[str, str]) -> RegraspGraph:
     """The regrasp graph in which the taker has the part from the giver's hand only."""
-    reacher = Reacher(job.cell.scene, job.motions.state, part, lock.holders)
+    reacher = Reacher(job.cell.scene, job.motions.state, part, lock.holders, job.motions.watch)
     start = Node("start", job.pose(part), job.rests_on(part))
     rng = np.random.default_rng([job.seed, len(job.motions.steps)])
     nodes = list(between(reacher, job.whole(part).part, start, goals, job.cell.supports, rng))

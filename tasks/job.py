@@ -167,7 +167,7 @@ class Job:
         """
         whole = self.whole(part)
         start = Node("start", self.pose(part), self.rests_on(part))
-        reacher = reacher or Reacher(self.cell.scene, self.motions.state, part, whole.holders)
+        reacher = reacher or Reacher(self.cell.scene, self.motions.state, part, whole.holders, self.motions.watch)
         rng = np.random.default_rng([self.seed, len(self.motions.steps)])
         nodes = between(reacher, whole.part, start, goals, self.cell.supports, rng)
         return RegraspGraph(reacher, start, self.held(part), nodes)

@@ -105,7 +105,7 @@ def _possible(job: Job, goal: Place) -> bool:
     if job.held(part) is not None or not nodes:
         return True
     holders = job.whole(part).holders
-    reacher = Reacher(job.cell.scene, job.motions.state, part, holders)
+    reacher = Reacher(job.cell.scene, job.motions.state, part, holders, job.motions.watch)
     start = Node("start", job.pose(part), job.rests_on(part))
     arms = tuple(holders) if goal.arm is None else (goal.arm,)
     return _reached(reacher, [start], tuple(holders)) and _reached(reacher, nodes, arms)

@@ -29,7 +29,7 @@ def add_plan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--replay", type=Path, nargs="?", const=Path(), metavar="HTML", help="write a page that plays the plan too"
     )
-    parser.add_argument("--time-limit", default="120 s", help='longest time of it all; "120 s" unless given')
+    parser.add_argument("--time-limit", default="120 s", help='longest time of the whole command; "120 s" unless given')
     parser.add_argument("--json", action="store_true", help="print the answer for programs")
     parser.set_defaults(run=_plan, limit=time_limit)
 

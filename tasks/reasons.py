@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from ..errors import NoRegraspError, PlanningError
@@ -62,7 +63,7 @@ class Report:
         diagnoses: What stands against the grasps, for each part, place and arm.
         attempts: Candidates of the search that motions were not found for.
         notes: What else was tried, a sentence each.
-        blocked: The candidate that comes nearest to working, at the first place where none does.
+        blocked: The candidate that comes nearest to working, at the first place where none does; else how all stands.
     """
 
     goal: int | None
@@ -110,38 +111,41 @@ def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
     told: tuple[str, ...] = tuple(getattr(error, "report", ()))
     attempts = tuple(line for line in told if isinstance(line, Attempt))
     notes = (str(error), *(line for line in told if not isinstance(line, Attempt | Count)))
-    diagnoses, causes, where, blocked = list[Diagnosis](), Counter[Cause](), "", None
+    diagnoses, causes, where = list[Diagnosis](), list[tuple[Cause, int]](), ""
+    blocked: Blocked | None = None
     for part, nodes, arms in _stations(job, goal):
         found = _asked(job, part, nodes, arms)
         diagnoses += found
         if not causes and not any(entry.works for entry in found):
-            causes, blocked = _no_grasps(job, found) or _decisive(found), _blocked(job, found)
+            causes, blocked = _no_grasps(job, found) or _decisive(found), _nearest(job, found)
             where = f"no grasp of {part} works {'where it is' if nodes[0].name == _HERE else 'at its goal'}"
-    if not causes and goal.attach is not None:
-        causes, where = _not_joined(job, goal.attach, error), f"{goal.attach.part} is not joined to {goal.attach.to}"
     if not causes:
-        where = "no motion was found"
-        for attempt in attempts:
-            causes[Cause("blocked by", attempt.bodies) if attempt.bodies else Cause(attempt)] += 1
-    return Report(number, where, tuple(causes.most_common()), tuple(diagnoses), attempts, notes, blocked)
+        where, causes = _no_way(job, goal, error, attempts)
+    blocked = blocked or _standing(job, goal, causes)
+    return Report(number, where, tuple(causes), tuple(diagnoses), attempts, notes, blocked)
 
 
 def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Sequence[str]]]:
     """Where the goal's parts must be taken and brought, by which arms; at each some grasp must work."""
     arms = tuple(job.cell.robot.hands)
-    entry = goal.attach or goal.place or goal.hand_over or goal.use
-    assert entry is not None
-    parts = [entry.part, goal.attach.to] if goal.attach is not None else [entry.part]
-    for part in map(job.root, parts):
+    for part in map(job.root, _parts(goal)):
         if job.held(part) is None:
             yield part, [Node(_HERE, job.pose(part), job.rests_on(part))], arms
-    root = job.root(entry.part)
+    root = job.root(_parts(goal)[0])
     if goal.place is not None:
-        yield root, place_nodes(job, goal.place)[:_MOST_NODES], _pinned(goal.place.arm, arms)
+        with suppress(NoRegraspError):  # an area without room for the part is told by the search
+            yield root, place_nodes(job, goal.place)[:_MOST_NODES], _pinned(goal.place.arm, arms)
     elif goal.hand_over is not None:
         yield root, hold_nodes(job, goal.hand_over)[:_MOST_NODES], (goal.hand_over.to,)
     elif goal.use is not None:
         yield root, end_nodes(job, goal.use)[:_MOST_NODES], _pinned(goal.use.arm, arms)
+
+
+def _parts(goal: Goal) -> list[str]:
+    """The parts that ``goal`` moves, the one it is about first."""
+    entry = goal.attach or goal.place or goal.hand_over or goal.use
+    assert entry is not None
+    return [entry.part, *([goal.attach.to] if goal.attach is not None else [])]
 
 
 def _pinned(arm: str | None, arms: Sequence[str]) -> Sequence[str]:
@@ -153,21 +157,18 @@ def _asked(job: Job, part: str, nodes: Sequence[Node], arms: Sequence[str]) -> l
     return [diagnose(reacher, node, arm) for node in nodes for arm in arms]
 
 
-def _decisive(found: Sequence[Diagnosis]) -> Counter[Cause]:
-    """The causes that decide, over the arms that can be there at all, if there are such."""
-    near = [entry for entry in found if entry.closest is not None and entry.closest.q is not None] or found
-    fewest = min((roots(entry.closest.causes) for entry in near if entry.closest is not None), default=0)
-    causes: Counter[Cause] = Counter()
-    for entry in near:
-        if entry.closest is not None and roots(entry.closest.causes) == fewest:
-            causes.update(entry.decisive)
-    return causes
+def _decisive(found: Sequence[Diagnosis]) -> list[tuple[Cause, int]]:
+    """The causes that decide; arms that can be there do not keep silent what others, out of reach, would need too."""
+    reached, other = Counter[frozenset[Cause]](), Counter[frozenset[Cause]]()
+    for entry in found:
+        (reached if entry.closest is not None and entry.closest.q is not None else other).update(entry.stopped)
+    return decisive([reached, other])
 
 
-def _no_grasps(job: Job, found: Sequence[Diagnosis]) -> Counter[Cause]:
+def _no_grasps(job: Job, found: Sequence[Diagnosis]) -> list[tuple[Cause, int]]:
     """Where no hand has a grasp: what dropped the last candidates of grasp planning."""
     if any(entry.planned for entry in found):
-        return Counter()
+        return []
     causes: Counter[Cause] = Counter()
     for part, arm in dict.fromkeys((entry.part, entry.arm) for entry in found):
         hand, grasps = job.cell.robot.hands[arm].name, job.grasps(part, arm)
@@ -178,23 +179,43 @@ def _no_grasps(job: Job, found: Sequence[Diagnosis]) -> Counter[Cause]:
         dropped = {reason: n for reason, n in last.dropped.items() if n} if last is not None else {}
         for reason, n in (dropped or {"no place for its pads": 1}).items():
             causes[Cause(f"{hand} has no grasp, {reason}:", (part,))] = n
-    return causes
+    return causes.most_common()
 
 
-def _not_joined(job: Job, goal: Attach, error: PlanningError) -> Counter[Cause]:
-    """Why two parts that can both be taken are not joined."""
+def _no_way(
+    job: Job, goal: Goal, error: PlanningError, attempts: Sequence[Attempt]
+) -> tuple[str, list[tuple[Cause, int]]]:
+    """What does not work, and why, where grasps work: parts that do not fit, motions, grasps that none share."""
+    if goal.attach is not None and (causes := _not_fitting(job, goal.attach)):
+        return f"{goal.attach.part} is not joined to {goal.attach.to}", causes
+    if attempts:
+        return "no motion was found", Counter(_stopping(job, goal, attempt) for attempt in attempts).most_common()
+    if isinstance(error, NoMeetingError) and error.why.total():
+        causes = [(Cause(words), count) for words, count in error.why.most_common() if count]
+        return "no place was found to join them", causes
+    return "no way was found", [(Cause(error.cause if isinstance(error, NoRegraspError) else str(error)), 1)]
+
+
+def _not_fitting(job: Job, goal: Attach) -> list[tuple[Cause, int]]:
+    """What of parts and hands keeps two parts from being joined, wherever that is."""
     if in_the_way(job, goal):
-        return Counter({Cause("parts touch on the straight way:", (goal.part, goal.to)): 1})
+        return [(Cause("parts touch on the straight way:", (goal.part, goal.to)), 1)]
     causes: Counter[Cause] = Counter()
     for part, other, left, planned in ways_left(job, goal):
         if not left and planned:
             causes[Cause(f"every hand on {part} is in the way of", (other,))] += planned
-    if not causes and isinstance(error, NoMeetingError):
-        causes.update({Cause(words): count for words, count in error.why.items() if count})
-    return causes
+    return causes.most_common()
 
 
-def _blocked(job: Job, found: Sequence[Diagnosis]) -> Blocked | None:
+def _stopping(job: Job, goal: Goal, attempt: Attempt) -> Cause:
+    """What a motion was not found for: what stands around, if that is in the way."""
+    moved = [job.root(part) for part in _parts(goal)]
+    around = tuple(body for body in attempt.bodies if body in job.cell.scene.bodies and body not in moved)
+    bodies = around or attempt.bodies
+    return Cause("motion blocked by", bodies) if bodies else Cause(attempt)
+
+
+def _nearest(job: Job, found: Sequence[Diagnosis]) -> Blocked | None:
     """The candidate of all that were asked that comes nearest to working."""
     asked = [(entry, entry.closest) for entry in found if entry.closest is not None]
     if not asked:
@@ -209,3 +230,9 @@ def _blocked(job: Job, found: Sequence[Diagnosis]) -> Blocked | None:
         return Blocked(scene, place, state.with_q(closest.q), closest.causes, None)
     base = entry.node.world_from_part @ holder.part_from_flange[closest.grasp] @ holder.arm.flange_from_base
     return Blocked(scene, place, state, closest.causes, (entry.arm, base))
+
+
+def _standing(job: Job, goal: Goal, causes: Sequence[tuple[Cause, int]]) -> Blocked:
+    """Everything where it is, to see what the ``causes`` name."""
+    place = job.pose(job.root(_parts(goal)[0]))[:3, 3]
+    return Blocked(job.cell.scene, place, job.motions.state, frozenset(cause for cause, _ in causes), None)

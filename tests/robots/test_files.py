@@ -39,13 +39,34 @@ def test_errors_name_line_and_field(tmp_path, text, line, field):
 
 
 @pytest.mark.parametrize(
-    "text", ["a: [", "a: 2020-13-45", "a: 1" + "0" * 5000, "a: " + "[" * 5000, "a: !!python/name:os.system", "\x00"]
+    "text", ["a: [", "a: 2020-13-45", "a: 1" + "0" * 5000, "a: " + "[" * 5000, "? [a]\n: 1", "\x00"]
 )
 def test_what_is_no_yaml_is_refused(tmp_path, text):
     path = tmp_path / "box.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match="no valid YAML"):
         read_yaml(path, Box)
+
+
+@pytest.mark.parametrize(
+    "value", ["!!python/name:os.system", "!!bool x", "!!int ''", "!!timestamp x", "&a [*a]", "!x 1", "!!float y"]
+)
+def test_aliases_and_tags_are_refused_with_their_line(tmp_path, value):
+    (tmp_path / "box.yaml").write_text(f"name: x\nitems: {value}\n")
+    with pytest.raises(InputError, match=r"box\.yaml:2: .*aliases or tags"):
+        read_yaml(tmp_path / "box.yaml", Box)
+
+
+def test_long_yaml_is_not_read(tmp_path):
+    (tmp_path / "box.yaml").write_text("items: [" + "[], " * 40_000 + "]")
+    with pytest.raises(InputError, match="longer than"):
+        read_yaml(tmp_path / "box.yaml", Box)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a\0b", "\ud800", "/dev/zero", "/dev/null"])
+def test_what_can_be_no_file_is_refused(tmp_path, name):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_text(tmp_path / name, "URDF")
 
 
 def test_unreadable_files_are_refused(tmp_path):

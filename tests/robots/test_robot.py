@@ -186,12 +186,24 @@ def edited(tmp_path: Path, suffix: str, old: str, new: str) -> dict[str, Path]:
         ("limits.yaml", "LARM_JOINT0", "LARM_JOIND0", "LARM_JOIND0"),
         ("limits.yaml", "max_acceleration: 5.0", "max_acceleration: -5.0", "no positive"),
         ("limits.yaml", "max_acceleration: 5.0", "max_acceleration: fast", "max_acceleration"),
+        ("limits.yaml", "max_acceleration: 5.0", "min_position: .nan", "LARM_JOINT0: a limit is no number"),
+        (".urdf", "<parent ", '<mimic joint="LARM_JOINT0" multiplier="x"/><parent ', "mimic: .*no finite number"),
+        (".urdf", "<parent ", '<origin xyz="1e308 0 0"/><parent ', "a joint has a number"),
     ],
 )
 def test_what_is_wrong_in_a_robots_files_is_named(tmp_path, suffix, old, new, message):
     files = edited(tmp_path, suffix, old, new)
     with pytest.raises(InputError, match=message):
         Robot.load(files["urdf"], files["srdf"], files["limits"])
+
+
+def test_a_chain_too_long_for_the_parser_is_refused(tmp_path):
+    links = "".join(f'<link name="l{i}"/>' for i in range(6000))
+    joint = '<joint name="j{1}" type="fixed"><parent link="l{0}"/><child link="l{1}"/></joint>'
+    joints = "".join(joint.format(i - 1, i) for i in range(1, 6000))
+    (tmp_path / "long.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    with pytest.raises(InputError, match="6000 link elements, and 500 are the most"):
+        Robot.load(tmp_path / "long.urdf", tmp_path / "long.urdf")
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -258,7 +270,10 @@ def own(tmp_path: Path, shape: str = BOX, srdf: str = CHAIN_SRDF.format(""), lim
             'mesh filename="part.stl" scale="0 0 0"',
             "link l0: its collision mesh has no size",
         ),
-        ('box size="0.05 0.05 0.05"', 'mesh filename="nan.stl"', "link l0: its collision mesh.*not finite"),
+        ('box size="0.05 0.05 0.05"', 'mesh filename="nan.stl"', "link l0: its collision mesh.*within 1000 m"),
+        ('"0.05 0.05 0.05"', '"1e308 1e308 1e308"', "link l0: box.*below 1000 m"),
+        ("<collision>", '<collision><origin xyz="1e308 0 0"/>', "origin of a collision shape"),
+        (BOX, BOX * 600, "2400 link/collision elements"),
     ],
 )
 def test_no_collision_shape_is_left_out_in_silence(tmp_path, old, new, message):
