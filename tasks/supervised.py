@@ -107,6 +107,7 @@ def supervised(work: Callable[[], int], limit: float = math.inf) -> int:
     end, asked = monotonic() + limit + GRACE, list[int]()
     late = False
     tell("")
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # who ignores it, as some that start programs do, learns no exit code
     with _signals(lambda number, frame: asked.append(number)):
         parent, child = os.getpid(), os.fork()
         if child == 0:
@@ -175,5 +176,6 @@ def _leave_nothing() -> None:
     with contextlib.suppress(OSError):
         if file := os.fsdecode(_UNFINISHED.read()):
             Path(file).unlink(missing_ok=True)
+            _UNFINISHED.write(b"")
     if sys.stderr.isatty():
         os.write(sys.stderr.fileno(), CLEAR.encode())

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import mesh_files
+import numpy as np
 import yaml
 from spoil import NAMES, Rng, one, spoiled_bytes, spoiled_tree, spoiled_xml
 
@@ -13,6 +14,8 @@ from kumitate.robots.library import load_hand
 from kumitate.robots.robot import Robot
 from kumitate.robots.scene import Scene
 from kumitate.tasks.models import LIBRARY
+from kumitate.tasks.verify_arms import read_machine
+from kumitate.tasks.verify_task import read_task
 
 COUNT = 4000
 _ROBOTS = ("nextage", "hrp5p")
@@ -42,7 +45,25 @@ def feed(folder: Path) -> str:
     robot = robot.with_hand(next(iter(robot.arms)), _HAND)
     scene = Scene.of(robot, [])
     scene.touching(scene.state({}))
+    _check_verifier(robot, folder, home)
     return "works"
+
+
+def _check_verifier(robot: Robot, folder: Path, home: str) -> None:
+    """The verifier reads the same robot from the same files."""
+    own = {"urdf": "robot.urdf", "srdf": "robot.srdf", "limits": "robot_limits.yaml", "home": home}
+    task = {"robot": own, "hands": {}, "parts": {}, "goals": []}
+    machine = read_machine(read_task(task), task, folder)
+    order = [robot.joint_names.index(name) for name in machine.joint_names]
+    limits = np.array([robot.lower, robot.upper, robot.velocity, robot.acceleration])[:, order]
+    flanges = machine.flanges(machine.home[None])
+    if set(machine.arms) != set(robot.arms) or not np.allclose(machine.limits, limits, atol=1e-9):
+        raise AssertionError(f"arms {set(machine.arms)} and {set(robot.arms)}, limits {machine.limits} and {limits}")
+    if not np.allclose(machine.home, robot.home[order], atol=1e-9):
+        raise AssertionError(f"home {machine.home} and {robot.home[order]}")
+    for arm in robot.arms:
+        if not np.allclose(flanges[arm][0], robot.flange(arm, robot.home), atol=1e-6):
+            raise AssertionError(f"flange {arm} at {flanges[arm][0]} and {robot.flange(arm, robot.home)}")
 
 
 def spoiled_text(rng: Rng, suffix: str, text: str) -> bytes:

@@ -186,7 +186,7 @@ def edited(tmp_path: Path, suffix: str, old: str, new: str) -> dict[str, Path]:
         ("limits.yaml", "LARM_JOINT0", "LARM_JOIND0", "LARM_JOIND0"),
         ("limits.yaml", "max_acceleration: 5.0", "max_acceleration: -5.0", "no positive"),
         ("limits.yaml", "max_acceleration: 5.0", "max_acceleration: fast", "max_acceleration"),
-        ("limits.yaml", "max_acceleration: 5.0", "min_position: .nan", "LARM_JOINT0: a limit is no number"),
+        ("limits.yaml", "max_acceleration: 5.0", "min_position: .nan", "JOINT0: a limit is no number"),
         (".urdf", "<parent ", '<mimic joint="LARM_JOINT0" multiplier="x"/><parent ', "mimic: .*no finite number"),
         (".urdf", "<parent ", '<origin xyz="1e308 0 0"/><parent ', "a joint has a number"),
     ],

@@ -71,6 +71,12 @@ def test_the_exit_code_is_that_of_the_work(start, code):
     assert process.returncode == code
 
 
+def test_it_is_also_known_where_the_end_of_children_is_ignored(start):
+    process = start("signal.signal(signal.SIGCHLD, signal.SIG_IGN)\n" + script("return 7"))
+    assert process.communicate() == ("", "")
+    assert process.returncode == 7
+
+
 def test_it_is_done_in_a_child_and_said_once(start):
     process = start("print('before', os.getpid())\n" + script("print('work', os.getpid())\nreturn 0"))
     lines = process.communicate()[0].split()
