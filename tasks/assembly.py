@@ -115,6 +115,7 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
     that leave the goals to come free as long as there are such.
     """
     to = job.root(goal.to)
+    job.tell(f"where {goal.part} and {to} may meet")
     graphs = {name: job.graph(name, []) for name in (goal.part, to)}
     poses = list(_poses(job, goal, to))
     fits = [_fit(job, goal, to, arm, to_arm) for arm, to_arm in _arms(job, goal, to)]
@@ -124,6 +125,7 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
         if ahead and not direct_part:
             continue
         for fit in fits:
+            job.tell(f"which grasps of {goal.part} and {to} go together")
             hold = fit.holding(_wanted(graphs[to], fit.to_arm, direct_to) & _pinned(fit.holder, goal.to_grasp))
             move = fit.moving(_wanted(graphs[goal.part], fit.arm, direct_part) & _pinned(fit.mover, goal.grasp))
             for after in later if ahead else ():

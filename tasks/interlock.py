@@ -71,6 +71,7 @@ def hand_over_interlocked(job: Job, goal: HandOver) -> None:
         graph = job.graph(part, [])
         takeable = graph.leaving_start(giver, any_grasp(graph, giver)[giver])
         for words, rows in (("that it can be taken with", takeable), ("after a regrasp", ~takeable)):
+            job.tell(f"grasps of {part} that interlock")
             lock = _lock(job, job.whole(part), giver, goal.to, np.flatnonzero(rows))
             facing = lock.pairs.facing
             report.append(f"{facing.sum()} interlocked grasps by {giver} and {goal.to} arm, of those {words}")
@@ -89,6 +90,7 @@ def _lock(job: Job, whole: Whole, giver: str, taker: str, rows: npt.NDArray[np.i
     part, hand = whole.part.name, job.cell.robot.hands[taker]
     given = whole.holders[giver].grasps[rows]
     facing = facing_grasps(job.cell.parts[part], hand, given, job.cell.parameters[part])
+    job.motions.watch()
     facing = job.holder(whole, taker, facing).grasps.thin(MOST_GRASPS)
     own = faced(given, facing)
     grasps = {giver: given[own], taker: facing}

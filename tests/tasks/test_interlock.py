@@ -103,7 +103,7 @@ def test_those_go_together_that_face_each_other_and_are_clear(locked, rng):
         facing = given[:, None] == told
         np.testing.assert_array_equal(pairs.clear(given, taken), facing & clear)
         np.testing.assert_array_equal(pairs.facing, told >= 0)
-    assert 5 < (facing & clear).sum() < facing.sum() == len(taken)
+    assert 0 < (facing & clear).sum() < facing.sum() == len(taken)
     assert locked.pairs.clear(given, taken).sum() == len(taken) - 1
 
 

@@ -123,7 +123,7 @@ def test_when_the_time_is_over_no_other_order_is_tried():
 
 TABLE = -0.05  # m
 WALL = 0.06  # m
-BOXES = {"bar": (0.15, 0.03, 0.04), "peg": (0.03, 0.03, 0.05), "base": (0.06, 0.06, 0.04)}
+BOXES = {"bar": (0.15, 0.03, 0.04), "peg": (0.03, 0.03, 0.05), "base": (0.06, 0.06, 0.04), "post": (0.03, 0.03, 0.08)}
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +190,19 @@ def test_what_stands_in_anothers_place_goes_first(folder):
     at = {"peg": standing("peg", 0.1), "base": standing("base", 0.25)}
     wanted = {"peg": standing("peg", 0.25), "base": standing("base", 0.45)}
     assert_placed_in_order(plan(task(at, wanted), folder, seed=1), ["base", "peg"])
+
+
+@pytest.mark.slow
+def test_what_only_stands_in_the_way_as_long_as_another_part_does_is_asked_again(folder):
+    """Once the peg is in place the bar cannot be put on it, as the post stands there; but then it goes."""
+    at = {"peg": standing("peg", 0.1), "bar": standing("bar", 0.45), "post": standing("post", 0.25)}
+    at["post"]["xyz"][0] += 0.05
+    wanted = {
+        "peg": standing("peg", 0.25),
+        "bar": standing("bar", 0.25, TABLE + BOXES["peg"][2]),
+        "post": standing("post", -0.05),
+    }
+    assert_placed_in_order(plan(task(at, wanted), folder, seed=1), ["post", "peg", "bar"])
 
 
 def test_parts_for_one_place_keep_each_other_out(folder):
