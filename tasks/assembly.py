@@ -31,6 +31,7 @@ _BATCH, _BATCH_REGRASPED = 2, 3  # of them with hands that go together, that are
 _MOST_BATCHES = 3  # of those, that are tried one after the other
 _SAME = 1e-6  # rad or m; joints of one way are found anew within this
 _MOST_CAUSES = 4
+_UPWARD = 0.3  # of a push that points up
 _PIN_REACH, _PIN_TURN = 5e-3, float(np.radians(10.0))  # m and rad between a pinned grasp and the planned ones it allows
 
 
@@ -117,7 +118,7 @@ def _in_the_air(job: Job, goal: Attach, later: Sequence[Attach], failures: list[
     to = job.root(goal.to)
     job.tell(f"where {goal.part} and {to} may meet")
     graphs = {name: job.graph(name, []) for name in (goal.part, to)}
-    poses = list(_poses(job, goal, to))
+    poses = _poses(job, goal, to)
     fits = [_fit(job, goal, to, arm, to_arm) for arm, to_arm in _arms(job, goal, to)]
     for ahead, (direct_part, direct_to) in itertools.product(
         (True, False) if later else (False,), ((True, True), (True, False), (False, True), (False, False))
@@ -202,18 +203,21 @@ def _pinned(holder: Holder, pin: At | None) -> Mask:
     return np.asarray((distance <= _PIN_REACH) & (angle <= _PIN_TURN))
 
 
-def _poses(job: Job, goal: Attach, to: str) -> Iterator[Array]:
-    """Poses (4, 4) of the part that is joined to: where it is held already, then all over the shared workspace."""
+def _poses(job: Job, goal: Attach, to: str) -> list[Array]:
+    """Poses (4, 4) of the part that is joined to: where it is held already, then all over the shared workspace.
+
+    Those come last at which the other part is pushed upward: it would hang on what it was pushed onto.
+    """
     if goal.where is not None:
-        yield pose(goal.where.xyz, goal.where.rpy)
-        return
-    if job.held(to) is not None:
-        yield job.pose(to)
+        return [pose(goal.where.xyz, goal.where.rpy)]
+    held = [job.pose(to)] if job.held(to) is not None else []
     middle = (job.pose(to)[:3, 3] + job.pose(goal.part)[:3, 3]) / 2.0
     rng = np.random.default_rng([job.seed, len(job.motions.steps)])
     nodes = sample_handovers(job.cell.robot, list(job.cell.robot.hands), middle, [job.pose(to)[:3, :3]], rng)
-    for node in nodes[:_MOST_POSES]:
-        yield node.world_from_part
+    push = invert(job.pose(to))[:3, :3] @ job.pose(goal.to)[:3, :3] @ np.asarray(goal.insert.direction, dtype=float)
+    push /= np.linalg.norm(push)
+    poses = [*held, *(node.world_from_part for node in nodes[:_MOST_POSES])]
+    return sorted(poses, key=lambda world_from_to: bool(world_from_to[2, :3] @ push > _UPWARD))
 
 
 def _join(job: Job, graphs: dict[str, RegraspGraph], some: list[Meeting], first: str, most_regrasps: int) -> None:

@@ -48,20 +48,18 @@ def in_some_order(job: Job, goals: Sequence[Goal], reach: Callable[[int, list[in
     """
     failures: list[str] = []
     dead: set[frozenset[int]] = set()
-    kept_out: set[tuple[int, int]] = set()  # what is in place only gets more, so that once is always
-
-    def keeps_out(number: int, other: int) -> bool:
-        if (number, other) not in kept_out and _keeps_out(job, goals[number], goals[other]):
-            kept_out.add((number, other))
-        return (number, other) in kept_out
+    kept_out: set[tuple[int, int]] = set()  # a number and another that it has kept out
 
     def finish(left: frozenset[int]) -> bool:
         if not left:
             return True
-        for number in sorted(left) if left not in dead else ():
+        # What has kept another out may do so only as long as something else stood there too; it is asked last.
+        waiting = {number for number, other in kept_out if other in left}
+        for number in sorted(left, key=lambda number: (number in waiting, number)) if left not in dead else ():
             others = sorted(left - {number})
-            blocked = next((other for other in others if keeps_out(number, other)), None)
+            blocked = next((other for other in others if _keeps_out(job, goals[number], goals[other])), None)
             if blocked is not None:
+                kept_out.add((number, blocked))
                 failures.append(f"goal {number + 1} in place keeps goal {blocked + 1} from being reached")
                 continue
             mark = job.mark()
@@ -84,7 +82,7 @@ def in_some_order(job: Job, goals: Sequence[Goal], reach: Callable[[int, list[in
 
 
 def _keeps_out(job: Job, goal: Goal, other: Goal) -> bool:
-    """Whether no hand can take or put down the part of ``other`` once that of ``goal`` is in place."""
+    """Whether the part of ``other`` can be taken and put down now, and no more once that of ``goal`` is in place."""
     if goal.place is None or other.place is None or other.place.part == goal.place.part:
         return False
     nodes, part = _places(job, goal.place), job.root(goal.place.part)
@@ -96,7 +94,7 @@ def _keeps_out(job: Job, goal: Goal, other: Goal) -> bool:
         job.back_to(mark)
         if possible:
             return False
-    return bool(nodes)
+    return bool(nodes) and _possible(job, other.place)
 
 
 def _possible(job: Job, goal: Place) -> bool:

@@ -26,7 +26,7 @@ _MOST_MOMENTS = 36_000  # 20 minutes at that rate
 _SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)  # of the moments
 _MOST_MOTION, _MOST_GEOMETRY = 3_000_000, 1_900_000  # bytes of the page; the viewer takes 0.9 MB
 _CELLS = (0.0, 0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3)  # m, of the grids that thin meshes
-_ROBOT, _HAND, _OBSTACLE = 0xF0F2F5, 0x59616E, 0x9AA4AD
+_ROBOT, _HAND, _OBSTACLE, _FIXTURE = 0xF0F2F5, 0x59616E, 0x9AA4AD, 0xC8D4E0
 _PARTS = (0xE8801A, 0x2378C3, 0x36A345, 0xC9342F, 0x8A5FC0, 0xE0B000, 0xD8619F, 0x18A7B5, 0x8C5A3C, 0x7F8F22)
 _ANGLE = 35.0  # deg
 _MARGIN = 0.6  # m
@@ -90,7 +90,8 @@ def _moving(plan: Plan, robot: Robot, parts: Sequence[str]) -> Iterator[_Body]:
 def _standing(plan: Plan, task: Task) -> Iterator[_Body]:
     """The obstacles of the cell."""
     for i, entry in enumerate(task.cell):
-        yield _Body(f"cell/{i}", _mesh(plan, entry.name), _OBSTACLE, pose(entry.at.xyz, entry.at.rpy))
+        color = _OBSTACLE if entry.mesh is None else _FIXTURE  # which stands out from the table that it is on
+        yield _Body(f"cell/{i}", _mesh(plan, entry.name), color, pose(entry.at.xyz, entry.at.rpy))
 
 
 def _mesh(plan: Plan, name: str) -> trimesh.Trimesh:
