@@ -268,9 +268,12 @@ def _inverted(vertices: Array, faces: Indices) -> tuple[npt.NDArray[np.bool_], b
     flip = np.full(n, sign < 0.0)
     open_bodies = np.unique(body[owner[count[edge] % 2 == 1]])
     closed_volume = np.bincount(body, weights=sign * volumes)
+    members = np.split(np.argsort(body, kind="stable"), np.cumsum(np.bincount(body))[:-1])
+    low, high = (np.array([limit(triangles[faces], axis=(0, 1)) for faces in members]) for limit in (np.min, np.max))
     for inverted in np.setdiff1d(np.flatnonzero(closed_volume < 0.0), open_bodies):
-        inside, rest = body == inverted, triangles[body != inverted]
-        depth = winding_number(triangles[inside][0, :1], rest) if len(rest) else np.zeros(1)
-        if abs(depth[0]) < 0.5:  # no cavity: nothing lies around it
-            flip[inside] ^= True
+        corner = triangles[members[inverted][0], :1]
+        around = np.flatnonzero(((low <= corner) & (corner <= high)).all(axis=1))
+        rest = [members[other] for other in around if other != inverted]
+        if not rest or abs(winding_number(corner, triangles[np.concatenate(rest)])[0]) < 0.5:  # no cavity
+            flip[members[inverted]] ^= True
     return flip, len(open_bodies) == 0

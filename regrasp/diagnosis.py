@@ -8,7 +8,7 @@ work without it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +66,7 @@ class Diagnosis:
         planned: How many grasps its hand has.
         looked: How many of them were looked at.
         stopped: How many of those fell to each set of causes; the empty set counts those that work.
-        closest: The one with the fewest causes; none where there is no grasp.
+        closest: The one with the fewest causes, and of those one of the most frequent; none where there is no grasp.
     """
 
     node: Node
@@ -122,21 +122,15 @@ def diagnose(reacher: Reacher, node: Node, arm: str) -> Diagnosis:
     state = reacher.state_at(node)
     common = {Cause("part against", _others(pair, part)) for pair in reacher.scene.checker(state).static}
     against = {row: common | met for row, met in _hands(reacher, node, holder, rows, state).items()}
-    ways: dict[int, list[Candidate]] = {row: [] for row in against}
-    for row, q, met in _arm_ways(reacher, node, holder, rows, state):
-        ways[row].append(Candidate(row, q, frozenset(against[row] | met)))
     nowhere = Cause(f"{_NO_ANSWER} at the grasp")
-    best = [
-        min(found, key=_distance, default=Candidate(row, None, frozenset(against[row] | {nowhere})))
-        for row, found in ways.items()
-    ]
-    stopped = Counter(candidate.causes for candidate in best)
-    return Diagnosis(node, part, arm, len(holder.grasps), len(rows), stopped, min(best, key=_distance, default=None))
-
-
-def _distance(candidate: Candidate) -> tuple[int, bool]:
-    """How far a candidate is from working; one that the arm can reach can be looked at."""
-    return roots(candidate.causes), candidate.q is None
+    best = {row: Candidate(row, None, frozenset(met | {nowhere})) for row, met in against.items()}
+    for way in _ways(reacher, node, holder, against, state):
+        if best[way.grasp].q is None or roots(way.causes) < roots(best[way.grasp].causes):
+            best[way.grasp] = way
+    stopped = Counter(entry.causes for entry in best.values())
+    # One that the arm reaches can be looked at.
+    order = sorted(best.values(), key=lambda entry: (roots(entry.causes), entry.q is None, -stopped[entry.causes]))
+    return Diagnosis(node, part, arm, len(holder.grasps), len(rows), stopped, order[0] if order else None)
 
 
 def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: SceneState) -> dict[int, set[Cause]]:
@@ -158,10 +152,11 @@ def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: Scen
     return against
 
 
-def _arm_ways(
-    reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: SceneState
-) -> Iterator[tuple[int, Array, set[Cause]]]:
-    """For each grasp and branch of inverse kinematics, those near home first: configuration, and what is against it."""
+def _ways(
+    reacher: Reacher, node: Node, holder: Holder, against: Mapping[int, set[Cause]], state: SceneState
+) -> Iterator[Candidate]:
+    """Each grasp with its branches of inverse kinematics, those near home first, until one adds nothing to its causes."""
+    rows, settled = np.fromiter(against, dtype=np.intp), set[int]()
     arm, home = holder.arm, reacher.scene.robot.home[holder.arm.indices]
     flanges = node.world_from_part @ holder.part_from_flange[rows]
     found = arm.solver(flanges)
@@ -178,7 +173,9 @@ def _arm_ways(
     openings = holder.grasps.approach_opening if node.to_leave else holder.grasps.opening
     pads = holder.open_contacts if node.to_leave else holder.pads
     for i, (target, q) in enumerate(zip(targets, joints, strict=True)):
-        row, causes = int(rows[target]), set[Cause]()
+        row, causes = int(rows[target]), set(against[int(rows[target])])
+        if row in settled:
+            continue
         for where, places, followed, line, moved in looks:
             if not followed[i]:
                 causes.add(Cause(f"{_NO_ANSWER} {line}"))
@@ -188,7 +185,9 @@ def _arm_ways(
             configuration = reacher.scene.robot.with_joints(held.q, arm.name, places[i][None])[0]
             for pair in reacher.scene.checker(held, {arm.name}).touching(configuration):
                 causes.add(_meeting(pair, reacher, arm.name, moved))
-        yield row, reacher.scene.robot.with_joints(state.q, arm.name, q[None])[0], causes
+        if roots(causes) == roots(against[row]):
+            settled.add(row)
+        yield Candidate(row, reacher.scene.robot.with_joints(state.q, arm.name, q[None])[0], frozenset(causes))
 
 
 def _meeting(pair: tuple[str, str], reacher: Reacher, arm: str, part: str) -> Cause:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import msgspec
@@ -15,6 +15,17 @@ from ..errors import InputError
 Record = TypeVar("Record")
 _LARGEST = 8_000_000  # bytes
 _LARGEST_YAML = 2**17  # characters; they take seconds to read
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """YAML of plain values: aliases can blow up without bound, tags make what no field expects."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None) is not None:
+            raise yaml.MarkedYAMLError(problem="it uses an alias or a tag", problem_mark=event.start_mark)
+        getattr(event, "value", "").encode()  # a ValueError where an escape stands for half a character
+        return super().compose_node(parent, index)
 
 
 def read_text(path: Path, kind: str) -> str:
@@ -72,11 +83,9 @@ def read_yaml(path: Path, kind: type[Record]) -> Record:
     if len(text) > _LARGEST_YAML:
         raise InputError(path, f"it is longer than {_LARGEST_YAML} characters", "give a smaller one")
     try:
-        for event in yaml.parse(text, yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None) is not None:
-                place = f"{path}:{event.start_mark.line + 1}"
-                raise InputError(place, "it uses YAML aliases or tags", "write the plain values out")
-        data = yaml.safe_load(text)
+        loader = _PlainLoader(text)
+        root = loader.get_single_node()
+        data = None if root is None else loader.construct_document(root)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"{path}:{mark.line + 1}" if mark else path
@@ -89,13 +98,12 @@ def read_yaml(path: Path, kind: type[Record]) -> Record:
         keys = [int(i) if i else name for i, name in re.findall(r"\[(\d+)\]|\.([^.\[`]+)", where)]
         field = where.rstrip("`").lstrip(".") or "top level"
         raise InputError(
-            f"{path}:{_line(text, keys)}: {field}", problem, "see the format in the documentation"
+            f"{path}:{_line(root, keys)}: {field}", problem, "see the format in the documentation"
         ) from error
 
 
-def _line(text: str, keys: list[int | str]) -> int:
-    """Line, counted from 1, of the value that ``keys`` lead to, as far as they lead."""
-    node = yaml.compose(text, yaml.SafeLoader)
+def _line(node: yaml.Node | None, keys: list[int | str]) -> int:
+    """Line, counted from 1, of the value below ``node`` that ``keys`` lead to, as far as they lead."""
     line = 0
     for key in keys:
         if isinstance(node, yaml.SequenceNode) and isinstance(key, int):

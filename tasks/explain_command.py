@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +11,10 @@ from typing import TYPE_CHECKING
 from ..errors import InputError, PlanningError
 from .output import check_writable, progress_line, say, say_json, write_file
 from .plan_command import seed_of, time_limit
+from .supervised import CLEAR
 
 if TYPE_CHECKING:
+    from .document import Plan
     from .task import Task
 
 
@@ -35,6 +38,7 @@ def add_explain(parser: argparse.ArgumentParser) -> None:
 
 
 def _explain(options: argparse.Namespace) -> int:
+    from .document import Plan
     from .reasons import NoPlanError
     from .suggestions import suggestions
     from .task_file import read_task
@@ -45,46 +49,61 @@ def _explain(options: argparse.Namespace) -> int:
     if options.view is not None:
         check_writable(options.view)
     with progress_line() as progress:
-        failure = _failure(options, task, seed, limit, progress)
-        if failure is None:
-            return 0
-        lines = [str(failure), *(f"  {line}" for line in getattr(failure, "report", ()))]
-        if not options.json:
-            progress("")
-            for line in [*lines, "what would help, one thing at a time:"]:
-                say(line)
-        helps = []
-        for words in suggestions(task, folder, failure, seed=seed, time_limit=limit, progress=progress):
+        answer = _planned(options.task, task, seed, limit, progress)
+    tell = _silent if options.json else say
+    if isinstance(answer, Plan):
+        tell(f"there is a plan: {len(answer.actions)} actions, {answer.duration:.1f} s of motion")
+        if options.json:
+            say_json({"planned": True})
+        return 0
+    lines = [str(line) for line in getattr(answer, "report", ())]
+    for line in [str(answer), *(f"  {line}" for line in lines), "what would help, one thing at a time:"]:
+        tell(line)
+    helps: list[str] = []
+    with progress_line() as progress:
+        for words in suggestions(task, folder, answer, seed=seed, time_limit=limit, progress=progress):
             helps.append(words)
-            if not options.json:
-                say(f"  {words}")
+            _clear_line()
+            tell(f"  {words}")
+    if not helps:
+        tell("  nothing that was tried")
     if options.json:
-        say_json({"planned": False, "report": lines, "helps": helps})
-    elif not helps:
-        say("  nothing that was tried")
-    if options.view is not None and isinstance(failure, NoPlanError):
-        report = failure.report
+        say_json({"planned": False, "because": str(answer), "causes": _causes(answer), "report": lines, "helps": helps})
+    if options.view is not None and isinstance(answer, NoPlanError):
+        report = answer.report
         write_file(options.view, lambda path: write_blocked_page(path, report, helps))
-        if not options.json:
-            say(f"page -> {options.view}")
+        tell(f"page -> {options.view}")
     return 1
 
 
-def _failure(
-    options: argparse.Namespace, task: Task, seed: int, limit: float, progress: Callable[[str], None]
-) -> PlanningError | None:
-    """Why there is no plan; nothing, once that is said, if there is one."""
+def _planned(file: Path, task: Task, seed: int, limit: float, progress: Callable[[str], None]) -> Plan | PlanningError:
+    """The plan, or why there is none."""
     from .planner import plan
     from .task_file import in_file
 
     try:
-        made = plan(task, options.task.parent, seed=seed, time_limit=limit, progress=progress)
+        return plan(task, file.parent, seed=seed, time_limit=limit, progress=progress)
     except InputError as error:
-        raise in_file(error, options.task) from error
+        raise in_file(error, file) from error
     except PlanningError as error:
         return error
-    if options.json:
-        say_json({"planned": True})
-    else:
-        say(f"there is a plan: {len(made.actions)} actions, {made.duration:.1f} s of motion")
-    return None
+
+
+def _causes(error: PlanningError) -> list[dict[str, object]]:
+    """What decides, for programs."""
+    from .reasons import NoPlanError
+
+    if not isinstance(error, NoPlanError):
+        return []
+    return [{"words": cause.words, "bodies": cause.bodies, "count": n} for cause, n in error.report.causes]
+
+
+def _silent(line: str) -> None:
+    """Say nothing."""
+
+
+def _clear_line() -> None:
+    """Take what is being done off the terminal, so that a line of the answer can stand there."""
+    if sys.stderr.isatty():
+        sys.stderr.write(CLEAR)
+        sys.stderr.flush()

@@ -74,6 +74,12 @@ class Report:
     notes: tuple[str, ...] = ()
     blocked: Blocked | None = None
 
+    @property
+    def title(self) -> str:
+        """The goal, and what does not work."""
+        goal = "there is no plan" if self.goal is None else f"goal {self.goal + 1} is not reached"
+        return f"{goal}: {self.where}"
+
     def __iter__(self) -> Iterator[str]:
         if self.causes:
             yield "because of: " + "; ".join(f"{cause} ({count})" for cause, count in self.causes)
@@ -92,14 +98,14 @@ class NoPlanError(PlanningError):
     def __init__(self, report: Report, error: PlanningError) -> None:
         """Name the goal, what failed, and the causes that decide."""
         self.report = report
-        goal = "there is no plan" if report.goal is None else f"goal {report.goal + 1} is not reached"
         because = "; ".join(str(cause) for cause, _ in report.causes[:2])
-        super().__init__(f"{goal}: {report.where}: {because}" if because else f"{goal}: {error}")
+        super().__init__(f"{report.title}: {because or error}")
 
 
 def funnel(entry: Diagnosis) -> str:
     """How many grasps are left of those planned, and what the others fell to, in words."""
-    words = f"{entry.part}, {entry.node.name}, {entry.arm} arm: {entry.planned} grasps planned"
+    where = entry.node.name.removeprefix(f"{entry.part} ")
+    words = f"{entry.part}, {where}, {entry.arm} arm: {entry.planned} grasps planned"
     if not entry.planned:
         return words
     causes = ", ".join(f"{count} {cause}" for cause, count in entry.each.most_common(_MOST_CAUSES))
@@ -110,7 +116,7 @@ def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
     """Why ``goal`` is not reached from where ``job`` is, once planning has ended in ``error``."""
     told: tuple[str, ...] = tuple(getattr(error, "report", ()))
     attempts = tuple(line for line in told if isinstance(line, Attempt))
-    notes = (str(error), *(line for line in told if not isinstance(line, Attempt | Count)))
+    notes = tuple(line for line in told if not isinstance(line, Attempt | Count))
     diagnoses, causes, where = list[Diagnosis](), list[tuple[Cause, int]](), ""
     blocked: Blocked | None = None
     for part, nodes, arms in _stations(job, goal):

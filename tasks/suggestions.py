@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from math import degrees, radians
 from pathlib import Path
 
 import msgspec
@@ -21,6 +22,8 @@ from .task import At, Mounted, Task
 _NEARER = 0.05  # m
 _WIDER = 0.3  # m by which a support grows on all sides
 _LONGER = 4.0  # times the time limit
+_EXACT = 4  # digits of lengths [m] and angles [deg]
+Change = tuple[str, Task]  # what it is, in words, and the task with it
 _replace = msgspec.structs.replace
 
 
@@ -33,7 +36,7 @@ def suggestions(
     time_limit: float,
     progress: Progress = lambda doing: None,
 ) -> Iterator[str]:
-    """Changes of ``task`` with which there is a verified plan, in words; each has been tried.
+    """Changes of ``task`` with which there is a verified plan, in words with what to write; each has been tried.
 
     Args:
         task: The task, which has no plan.
@@ -48,12 +51,13 @@ def suggestions(
         if _plans(task, folder, seed, longer, progress):
             yield f"with {longer:g} s of time there is a plan"
         return
-    if not isinstance(error, NoPlanError):
-        return
-    for words, changed in _changes(task, build_cell(task, folder), error.report):
-        progress(f"whether there is a plan {words}")
-        if _plans(changed, folder, seed, time_limit, lambda doing: None):
-            yield f"{words} there is a plan"
+    report = error.report if isinstance(error, NoPlanError) else Report(None, str(error), ())
+    for alternatives in _changes(task, build_cell(task, folder), report):
+        for words, changed in alternatives:
+            progress(f"whether there is a plan {words}")
+            if _plans(changed, folder, seed, time_limit, lambda doing: None):
+                yield f"{words} there is a plan"
+                break
 
 
 def _plans(task: Task, folder: str | Path, seed: int, time_limit: float, progress: Progress) -> bool:
@@ -64,20 +68,19 @@ def _plans(task: Task, folder: str | Path, seed: int, time_limit: float, progres
     return True
 
 
-def _changes(task: Task, cell: Cell, report: Report) -> Iterator[tuple[str, Task]]:
-    """The task with one thing changed at a time, the likeliest to help first."""
+def _changes(task: Task, cell: Cell, report: Report) -> Iterator[Iterable[Change]]:
+    """Changes of one thing each, the likeliest to help first; of alternatives the first that helps will do."""
     named = _named_parts(task)
     parts = [part for part in named if part in _concerned(task, report)] or list(named)
-    yield from _without(task, report, named)
+    yield from ([change] for change in _without(task, report, named))
     for part in parts:
-        yield from _nearer(task, cell, part)
-    yield from _other_hands(task)
-    for part in parts:
-        yield from _otherwise(task, cell, part)
-    yield from _wider(task, cell)
+        yield from ([change] for change in _nearer(task, cell, part))
+    yield from (_with_hand(task, hand) for hand in HANDS)
+    yield from (_otherwise(task, cell, part) for part in parts)
+    yield from ([change] for change in _wider(task))
 
 
-def _without(task: Task, report: Report, named: Mapping[str, None]) -> Iterator[tuple[str, Task]]:
+def _without(task: Task, report: Report, named: Mapping[str, None]) -> Iterator[Change]:
     """Without each obstacle, and each part that no goal speaks of, that is in the way, the gravest first."""
     met = [body for cause, _ in report.causes for body in cause.bodies]
     met += [body for attempt in report.attempts for body in attempt.bodies]
@@ -90,11 +93,11 @@ def _without(task: Task, report: Report, named: Mapping[str, None]) -> Iterator[
         yield f"without the {kind} {name}", _replace(task, cell=kept, parts=parts)
 
 
-def _nearer(task: Task, cell: Cell, part: str) -> Iterator[tuple[str, Task]]:
+def _nearer(task: Task, cell: Cell, part: str) -> Iterator[Change]:
     """With the start of ``part``, or its goal, nearer to the hand whose home is nearest."""
     entry = task.parts[part]
     at = _moved(cell, entry.at)
-    yield f"with {part} {1e2 * _NEARER:g} cm nearer ({_shown(at)})", _with_part(task, part, at)
+    yield f"with {part} {1e2 * _NEARER:g} cm nearer ({_xyz(at)})", _with_part(task, part, at)
     for i, goal in enumerate(task.goals):
         kind = next(name for name in goal.__struct_fields__ if getattr(goal, name) is not None)
         wanted = getattr(goal, kind)
@@ -102,7 +105,7 @@ def _nearer(task: Task, cell: Cell, part: str) -> Iterator[tuple[str, Task]]:
             at = _moved(cell, wanted.at)
             changed = _replace(goal, **{kind: _replace(wanted, at=at)})
             goals = (*task.goals[:i], changed, *task.goals[i + 1 :])
-            yield f"with goal {i + 1} {1e2 * _NEARER:g} cm nearer ({_shown(at)})", _replace(task, goals=goals)
+            yield f"with goal {i + 1} {1e2 * _NEARER:g} cm nearer ({_xyz(at)})", _replace(task, goals=goals)
 
 
 def _moved(cell: Cell, at: At) -> At:
@@ -112,21 +115,19 @@ def _moved(cell: Cell, at: At) -> At:
     way = min((hand - here for hand in hands), key=lambda way: float(np.linalg.norm(way[:2])))[:2]
     length = float(np.linalg.norm(way))
     x, y = here[:2] + min(_NEARER / max(length, 1e-9), 1.0) * way
-    return _replace(at, xyz=(float(x), float(y), float(here[2])))
+    return _replace(at, xyz=(_round(x, _EXACT), _round(y, _EXACT), at.xyz[2]))
 
 
-def _other_hands(task: Task) -> Iterator[tuple[str, Task]]:
-    """With another shipped hand on one arm, or on all."""
-    every = tuple(task.hands)
-    for arms in dict.fromkeys([every, *((arm,) for arm in every)]):
-        for hand in HANDS:
-            now = {arm: entry.hand if isinstance(entry, Mounted) else entry for arm, entry in task.hands.items()}
-            if any(now[arm] != hand for arm in arms):
-                changed = {**task.hands, **dict.fromkeys(arms, hand)}
-                yield f"with {hand} on {' and '.join(arms)}", _replace(task, hands=changed)
+def _with_hand(task: Task, hand: str) -> Iterator[Change]:
+    """With a shipped hand on one arm that has another, or on all."""
+    now = {arm: entry.hand if isinstance(entry, Mounted) else entry for arm, entry in task.hands.items()}
+    for arms in dict.fromkeys([*((arm,) for arm in now), tuple(now)]):
+        if any(now[arm] != hand for arm in arms):
+            changed = _replace(task, hands={**task.hands, **dict.fromkeys(arms, hand)})
+            yield f"with {hand} on {' and '.join(arms)}", changed
 
 
-def _otherwise(task: Task, cell: Cell, part: str) -> Iterator[tuple[str, Task]]:
+def _otherwise(task: Task, cell: Cell, part: str) -> Iterator[Change]:
     """With ``part`` standing otherwise at its start, above the same place."""
     world_from_part = pose(task.parts[part].at.xyz, task.parts[part].at.rpy)
     center = transform_points(world_from_part, cell.parts[part].center_of_mass[None])[0]
@@ -137,10 +138,10 @@ def _otherwise(task: Task, cell: Cell, part: str) -> Iterator[tuple[str, Task]]:
         for turn in (0.0, np.pi / 2.0):
             there = compose(rotation_about([0.0, 0.0, 1.0], turn), [*center[:2], bottom]) @ surface_from_part
             at = _at(there)
-            yield f"with {part} standing otherwise ({_shown(at)})", _with_part(task, part, at)
+            yield f"with {part} standing otherwise ({_pose(at)})", _with_part(task, part, at)
 
 
-def _wider(task: Task, cell: Cell) -> Iterator[tuple[str, Task]]:
+def _wider(task: Task) -> Iterator[Change]:
     """With free room around each support that is a box, as far as nothing stands there."""
     for i, entry in enumerate(task.cell):
         if entry.support and entry.box is not None:
@@ -174,13 +175,21 @@ def _with_part(task: Task, part: str, at: At) -> Task:
 
 
 def _at(world_from_part: Array) -> At:
-    """The entry of a task for a pose (4, 4)."""
-    x, y, z = (float(v) for v in world_from_part[:3, 3])
-    return At((x, y, z), rpy_from_rotation(world_from_part[:3, :3]))
+    """The entry of a task for a pose (4, 4), as exact as it is shown."""
+    x, y, z = (_round(v, _EXACT) for v in world_from_part[:3, 3])
+    roll, pitch, yaw = (radians(_round(degrees(v), _EXACT)) for v in rpy_from_rotation(world_from_part[:3, :3]))
+    return At((x, y, z), (roll, pitch, yaw))
 
 
-def _shown(at: At) -> str:
+def _round(value: float, digits: int) -> float:
+    return round(float(value), digits) + 0.0  # no zero with a sign
+
+
+def _xyz(at: At) -> str:
+    """A position as a task file has it."""
+    return f"xyz: [{', '.join(f'{float(v):g}' for v in at.xyz)}]"
+
+
+def _pose(at: At) -> str:
     """A pose as a task file has it."""
-    xyz = ", ".join(f"{float(v):.4g}" for v in at.xyz)
-    rpy = ", ".join(f"{float(np.degrees(v)):.4g} deg" for v in at.rpy)
-    return f"at: {{xyz: [{xyz}], rpy: [{rpy}]}}"
+    return f"{_xyz(at)}, rpy: [{', '.join(f'{degrees(v):g} deg' for v in at.rpy)}]"

@@ -25,13 +25,25 @@ def write_blocked_page(path: str | Path, report: Report, helps: Sequence[str] = 
     Raises:
         OSError: The page cannot be written.
     """
-    lines = "".join(f"<p>{html.escape(line)}</p>" for line in (*report, *helps))
+    panel, script = [_heading(report.title)], ""
     commands: list[Command] = []
-    script = ""
     if report.blocked is not None:
+        red = ", ".join(sorted(report.blocked.bodies))
+        panel += [_line(f"in the way, red: {red}")] if red else []
         commands = list(_drawn(report.blocked))
         script = _camera(report.blocked.place)
-    write_page(path, "no plan", f"<h1>{html.escape(report.where)}</h1>{lines}", [*commands, *backdrop()], script)
+    panel += map(_line, report)
+    if helps:
+        panel += [_heading("what would help, one thing at a time"), *map(_line, helps)]
+    write_page(path, "no plan", "".join(panel), [*commands, *backdrop()], script)
+
+
+def _heading(text: str) -> str:
+    return f"<h1>{html.escape(text)}</h1>"
+
+
+def _line(text: str) -> str:
+    return f"<p>{html.escape(text)}</p>"
 
 
 def _camera(target: Array) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import yaml
 from robot_files import spoiled_text
 from spoil import NAMES, Rng, one
 
@@ -36,7 +35,10 @@ def feed(folder: Path) -> str:
     pieces, pads = hand.hand_from_piece(openings), hand.hand_from_pad(openings) if hand.pads else np.zeros((3, 2, 4, 4))
     if not (np.isfinite(pieces).all() and np.isfinite(pads).all() and np.isfinite(hand.pieces[0].mesh.bounds).all()):
         raise AssertionError("a number of the hand is not finite")
-    apart = pads[:, 1:, 0, 3].mean(axis=1) - pads[:, 0, 0, 3]
-    if hand.kind == "two_finger" and np.abs(apart - openings).max() > 1e-3:
-        raise AssertionError(f"opened by {openings}, the pads are {apart} apart")
+    if hand.pads:
+        heights = np.array([pad.size[1] / 2.0 - hand.contact_depth for pad in hand.pads])
+        contacts = pads[..., :3, 3] + pads[..., :3, 2] * heights[:, None]
+        apart = contacts[:, 1:, 0].mean(axis=1) - contacts[:, 0, 0]
+        if np.abs(apart - openings).max() > 1e-3:
+            raise AssertionError(f"opened by {openings}, the contacts are {apart} apart")
     return "works"

@@ -21,7 +21,7 @@ from kumitate.robots.library import load_hand
 
 SIZES = {"mm": 40.0, "cm": 4.0, "m": 0.04, "in": 1.6}  # in each unit, of a part of 40 mm
 COUNT = 5000
-_FEW = 2000  # faces of parts whose grasps are planned
+_FEW, _SMALL = 2000, 0.2  # faces and m, of parts whose grasps are planned
 _COARSE = GraspParameters(t_rnn=8e-3, n_da=2)
 _HANDS = {name: load_hand(name) for name in ("robotiq_2f85", "suction_cup", "hrp5p_three_finger")}
 _ODD = (np.nan, np.inf, -np.inf, 1e308, -1e300, 1e30, 1e-310, -0.0, 1e6)
@@ -56,7 +56,7 @@ def feed(folder: Path) -> str:
         raise AssertionError("the part is not finite, or its centre of mass lies outside of its bounds")
     if not (part.center_of_mass <= high).all() or len(part.mesh.faces) == 0:
         raise AssertionError("the part is empty, or its centre of mass lies outside of its bounds")
-    if len(part.mesh.faces) <= _FEW:
+    if len(part.mesh.faces) <= _FEW and np.ptp(part.mesh.vertices, axis=0).max() <= _SMALL:
         plan_grasps(part, _HANDS[case["hand"]], _COARSE)
     return "works"
 

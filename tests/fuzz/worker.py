@@ -89,7 +89,7 @@ def tried(feed: Callable[[], str], folder: Path) -> Outcome:
 def _said(folder: Path) -> str:
     """Where the process was when it was ended, if it told."""
     told = (folder / "said.txt").read_text(errors="replace")
-    return told[told.rfind("\nCurrent thread") :][:2000] if "\nCurrent thread" in told else ""
+    return told[told.rfind("(most recent call first)") :][:2000] if "(most recent call first)" in told else ""
 
 
 def _work(feed: Callable[[], str], folder: Path, tell: int) -> None:

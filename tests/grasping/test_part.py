@@ -350,3 +350,13 @@ def test_the_papers_objects_bound_volumes(paper_part, name):
     part = paper_part(name)
     assert part.watertight
     assert not part.warnings
+
+
+def test_thousands_of_bodies_are_wound_outwards_in_seconds(rng):
+    ball = trimesh.creation.icosphere(0, 0.4e-3)
+    places = np.stack(np.meshgrid(*3 * [np.arange(14)]), axis=-1).reshape(-1, 1, 3) * 1e-3
+    turned = np.where(rng.random((len(places), 1, 1)) < 0.4, ball.faces[:, ::-1], ball.faces)
+    faces = (turned + len(ball.vertices) * np.arange(len(places))[:, None, None]).reshape(-1, 3)
+    part = Part.from_mesh(trimesh.Trimesh((ball.vertices + places).reshape(-1, 3), faces, process=False), density=1.0)
+    assert part.watertight
+    assert part.mass == pytest.approx(len(places) * ball.volume, rel=1e-6)

@@ -193,7 +193,7 @@ def test_what_stands_in_anothers_place_goes_first(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("listed", itertools.permutations(["base", "post", "peg"]))
+@pytest.mark.parametrize("listed", [["base", "peg", "post"], ["peg", "post", "base"]])
 def test_a_part_is_not_held_back_for_what_another_one_blocks(folder, listed):
     """The peg's place is taken by the post, which goes onto the base; that does not keep the peg out."""
     at = {"base": standing("base", 0.45), "post": standing("post", 0.1), "peg": standing("peg", -0.05)}
