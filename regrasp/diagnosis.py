@@ -66,7 +66,8 @@ class Diagnosis:
         planned: How many grasps its hand has.
         looked: How many of them were looked at.
         stopped: How many of those fell to each set of causes; the empty set counts those that work.
-        closest: The one with the fewest causes, and of those one of the most frequent; none where there is no grasp.
+        closest: The grasp with the fewest things to go, if it can be one that the arm reaches, and of the most frequent
+            causes; none where there is no grasp.
     """
 
     node: Node
@@ -128,9 +129,12 @@ def diagnose(reacher: Reacher, node: Node, arm: str) -> Diagnosis:
         if best[way.grasp].q is None or roots(way.causes) < roots(best[way.grasp].causes):
             best[way.grasp] = way
     stopped = Counter(entry.causes for entry in best.values())
-    # One that the arm reaches can be looked at.
-    order = sorted(best.values(), key=lambda entry: (roots(entry.causes), entry.q is None, -stopped[entry.causes]))
-    return Diagnosis(node, part, arm, len(holder.grasps), len(rows), stopped, order[0] if order else None)
+    closest = min(
+        best.values(),
+        key=lambda entry: (roots(entry.causes), entry.q is None, -stopped[entry.causes]),
+        default=None,
+    )
+    return Diagnosis(node, part, arm, len(holder.grasps), len(rows), stopped, closest)
 
 
 def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: SceneState) -> dict[int, set[Cause]]:
@@ -155,7 +159,7 @@ def _hands(reacher: Reacher, node: Node, holder: Holder, rows: Rows, state: Scen
 def _ways(
     reacher: Reacher, node: Node, holder: Holder, against: Mapping[int, set[Cause]], state: SceneState
 ) -> Iterator[Candidate]:
-    """Each grasp with its branches of inverse kinematics, those near home first, until one adds nothing to its causes."""
+    """Each grasp with its branches of inverse kinematics, those near home first, up to one that adds no root."""
     rows, settled = np.fromiter(against, dtype=np.intp), set[int]()
     arm, home = holder.arm, reacher.scene.robot.home[holder.arm.indices]
     flanges = node.world_from_part @ holder.part_from_flange[rows]

@@ -123,9 +123,10 @@ class Node:
     touching: tuple[Contact, ...] = ()
 
     @property
-    def key(self) -> tuple[bytes, str | None, bool]:
+    def key(self) -> tuple[object, ...]:
         """Equal for nodes at which the same is asked of hands and arms, whatever their names."""
-        return self.world_from_part.tobytes(), self.support, self.to_leave
+        touching = tuple((contact.first, contact.second, contact.normal.tobytes()) for contact in self.touching)
+        return self.world_from_part.tobytes(), self.support, self.to_leave, touching
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +225,9 @@ class Reacher:
         holder, state = self.holders[arm], self.state_at(node)
         entry = _Tested(node.name, np.ones(len(holder.grasps), dtype=bool), self._nothing(arm), admitted=True)
         failed: dict[int, str] = {}
-        if not self._part_blocked(node, state):
+        if blocked := self._part_blocked(node, state):
+            entry.dropped[blocked] += len(np.unique(ways.grasp))
+        else:
             entry.reach = self._robot_free(node, holder, ways.take(np.argsort(ways.grasp)), state, failed)
         entry.dropped.update(failed[int(g)] for g in np.setdiff1d(ways.grasp, entry.reach.grasp) if int(g) in failed)
         self._tested[node.key, arm] = entry

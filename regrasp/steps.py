@@ -191,8 +191,8 @@ class Motions:
         hand = self.scene.robot.hand_pose(arm, self.state.q, self.state.openings[arm])
         hand[:3, 3] -= distance * hand[:3, 2]
         self.line(arm, hand, "retreat", f"{arm} hand leaves {part}", part, grasp=holder.row(grasp))
-        pads = {contact.second for contact in holder.pads(part, grasp)}
-        self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in pads)
+        if left := {contact.second for contact in holder.open_contacts(part, grasp)}:
+            self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in left)
 
     def lift(self, holder: Holder, part: str, grasp: int, distance: float) -> None:
         """Lift ``part`` straight off what it rests on, by ``distance`` [m].

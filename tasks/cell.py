@@ -82,6 +82,11 @@ def build_cell(task: Task, folder: str | Path) -> Cell:
     poses = {name: pose(entry.at.xyz, entry.at.rpy) for name, entry in entries.items()}
     state = scene.state(poses, _start(robot, task))
     state = state.with_contacts(resting_contacts(scene, state, parts))
+    for carrier, part in ((contact.first, contact.second) for contact in state.contacts):
+        if any(entry.name == carrier and not entry.support for entry in task.cell):
+            raise InputError(
+                f"parts.{part}.at", f"it rests on {carrier}, which is no support", "give that support: true"
+            )
     if touching := scene.touching(state):
         place = next((f"parts.{name}.at" for pair in touching for name in pair if name in parts), "start")
         listed = ", ".join(f"{a} / {b}" for a, b in touching)
@@ -178,11 +183,13 @@ def _parts(task: Task, folder: Path) -> dict[str, Part]:
 def _supports(task: Task, obstacles: Mapping[str, Body], state: SceneState) -> tuple[Support, ...]:
     """The supports with free spots of their own; a tray, whose top is none, carries what goals put there."""
     supports = []
-    for entry in task.cell:
+    for i, entry in enumerate(task.cell):
         if entry.support:
             try:
                 supports.append(Support.top_of(obstacles[entry.name], state.poses[entry.name]))
             except InputError as error:
+                if entry.box is not None:
+                    raise InputError(f"cell[{i}].support", error.problem, error.cure) from error
                 _log.info("no free spots on %s: %s", entry.name, error.problem)
     return tuple(supports)
 

@@ -129,8 +129,9 @@ class Job:
         hand = robot.hands[arm]
         holder = Holder.of(robot, arm, hold_whole(grasps, self.cell.parts[part], whole.part, hand))
         regions = [
-            (Body.box("region", region.box), pose(region.at.xyz, region.at.rpy))
-            for region in self.cell.task.parts[part].no_touch
+            (Body.box("region", region.box), from_part @ pose(region.at.xyz, region.at.rpy))
+            for name, from_part in whole.bodies()
+            for region in self.cell.task.parts[name].no_touch
         ]
         others = [(self.cell.scene.bodies[name], at) for name, at in zip(whole.others, whole.poses, strict=True)]
         for body, at in (*others, *regions):

@@ -153,6 +153,8 @@ def _reach_making_way(job: Job, goal: Goal, to_come: tuple[Goal, ...]) -> None:
             if not make_way(job):
                 raise error
             _reach(job, goal, to_come)
+        except TimeLimitError:
+            raise
         except PlanningError:
             job.back_to(mark)
             raise error from None

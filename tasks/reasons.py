@@ -19,7 +19,7 @@ from .assembly import NoMeetingError, in_the_way, ways_left
 from .job import Job
 from .targets import hold_nodes, place_nodes
 from .task import Attach, Goal
-from .use import end_nodes
+from .use import stroke_nodes
 
 _MOST_NODES = 3  # places of a goal that are looked at
 _MOST_LINES = 12
@@ -144,7 +144,8 @@ def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Seque
     elif goal.hand_over is not None:
         yield root, hold_nodes(job, goal.hand_over)[:_MOST_NODES], (goal.hand_over.to,)
     elif goal.use is not None:
-        yield root, end_nodes(job, goal.use)[:_MOST_NODES], _pinned(goal.use.arm, arms)
+        for nodes in reversed(stroke_nodes(job, goal.use)):
+            yield root, nodes[:_MOST_NODES], _pinned(goal.use.arm, arms)
 
 
 def _parts(goal: Goal) -> list[str]:

@@ -15,10 +15,11 @@ from ..transforms import Array, compose, invert, pose, rotation_about, transform
 from .job import Job
 from .task import Area, At, Axis, HandOver, Place
 
-MOST_SPOTS = 48  # of an area that are goals of one search
+MOST_SPOTS = 16  # of an area that are goals of one search
 _TURNS = 12  # evenly over a full one, where any will do
 _SPACING = 0.02  # m between spots in an area
 _INSET = 5e-3  # m that `find_spots` keeps from the edge of what it is given
+_ROUNDING = 1e-9  # m
 _REACH = 1e-3  # m; a support lies no farther below a part
 _UPRIGHT = float(np.cos(np.radians(1.0)))
 
@@ -77,7 +78,7 @@ def _in_area(job: Job, part: str, area: Area) -> list[Node]:
         stable = stable.take(np.flatnonzero(stable.surface_from_part[:, 2, :3] @ up >= _UPRIGHT))
     # The whole outline shall lie within, not only what the part stands on.
     stable = replace(stable, support=stable.outline)
-    within = Support(rectangle.name, rectangle.world_from_support, rectangle.size + 2.0 * _INSET)
+    within = Support(rectangle.name, rectangle.world_from_support, rectangle.size + 2.0 * _INSET + _ROUNDING)
     reacher = Reacher(job.cell.scene, job.motions.state, root, whole.holders)
     start = Node("start", job.pose(root), job.rests_on(root))
     middle = Node("the area", rectangle.world_from_support, None)

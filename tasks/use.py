@@ -22,6 +22,7 @@ from .targets import turned
 from .task import Use
 
 _MOST_CAUSES = 4
+_MOST_TRIES = 8  # ways that are tried, once the tool can be brought there
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +68,10 @@ def use(job: Job, goal: Use) -> None:
     raise NoRegraspError(part, f"its {goal.frame} does not come to where it is used", report)
 
 
-def end_nodes(job: Job, goal: Use) -> list[Node]:
-    """Where the tool of ``goal`` is at the end of its straight way."""
-    return [stroke.end for stroke in _strokes(job, goal, job.root(goal.part))]
+def stroke_nodes(job: Job, goal: Use) -> tuple[list[Node], list[Node]]:
+    """Where the tool of ``goal`` is before its straight way, and at its end; for each turn."""
+    strokes = list(_strokes(job, goal, job.root(goal.part)))
+    return [stroke.before for stroke in strokes], [stroke.end for stroke in strokes]
 
 
 def _strokes(job: Job, goal: Use, part: str) -> Iterator[_Stroke]:
@@ -116,10 +118,10 @@ def _stroke_one(
 ) -> bool:
     """Whether the tool could be used in one of the ways, trying one after the other."""
     mark = job.mark()
-    while goals:
-        nodes = [entry.node for entry in goals]
+    onward = job.graph(part, [entry.node for entry in goals], graph.reacher)
+    for _ in range(_MOST_TRIES):
         try:
-            job.bring(job.graph(part, nodes, graph.reacher), goals, most_regrasps)
+            link = job.bring(onward, goals, most_regrasps)
         except NoRegraspError as error:
             failures += error.report
             return False
@@ -130,7 +132,7 @@ def _stroke_one(
         except StepError as error:
             job.back_to(mark)
             failures.append(Attempt(error))
-            goals = [entry for entry in goals if entry.node is not stroke.before]
+            graph.reacher.give_up(stroke.before, link.arm, link.grasp, link.target.at[0])
         else:
             return True
     return False

@@ -123,7 +123,7 @@ def memory() -> float:
 
 def files() -> int:
     """Open files of this process."""
-    return len(os.listdir("/proc/self/fd"))
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -186,7 +186,9 @@ def test_with_a_thousand_grasps_and_other_seeds(which, seed):
         ),
         (
             # A wheel lies on one side or the other, and a hand takes it from above.
-            Problem("ur3_dual", "wheel", ((0.3, -0.2, 0.01), UPRIGHT), ((0.3, -0.3, 0.01), OVER), ("right",)),
+            Problem(
+                "ur3_dual", "wheel", ((0.3, -0.2, 0.01), UPRIGHT), ((0.3, -0.3, 0.01), OVER), ("right",), grasps=600
+            ),
             "nor along any way over the placements",
         ),
         (

@@ -100,6 +100,20 @@ def test_density_gives_the_mass_and_a_mesh_may_be_an_obstacle_and_a_support(tmp_
     np.testing.assert_allclose(cell.meshes["stand"].trimesh().extents, [0.04, 0.06, 0.02], rtol=1e-6)
 
 
+def test_a_tray_carries_parts_and_has_no_free_spots_of_its_own(tmp_path):
+    hollow = trimesh.creation.box([6, 6, 2], transform=pose([0, 0, 1]))
+    tray = trimesh.boolean.difference([trimesh.creation.box([8, 8, 2]), hollow])
+    tray.export(tmp_path / "tray.stl")
+    trimesh.creation.box([2, 2, 2]).export(tmp_path / "cube.stl")
+    cube = PartEntry("cube.stl", "cm", At((0.4, 0.3, 0.01)), mass=0.02)
+    stand = Obstacle("tray", At((0.4, 0.3, 0.0)), mesh="tray.stl", unit="cm", support=True)
+    cell = build_cell(_task(hands={}, cell=(stand,), parts={"cube": cube}), tmp_path)
+    assert [(c.first, c.second) for c in cell.state.contacts] == [("tray", "cube")]
+    assert cell.supports == ()
+    with pytest.raises(InputError, match="rests on tray, which is no support"):
+        build_cell(_task(hands={}, cell=(replace(stand, support=False),), parts={"cube": cube}), tmp_path)
+
+
 def _task(**changes):
     return replace(ONE_WHEEL, **changes)
 
@@ -148,7 +162,7 @@ def test_what_cannot_be_is_told_with_its_place(task, place, words):
 def test_a_part_that_touches_the_robot_at_the_start_is_told():
     robot = robot_of(ONE_WHEEL, EXAMPLES)
     x, y, z = robot.hand_pose("left", robot.home, 0.085)[:3, 3]
-    under = Obstacle("stand", At((x, y, z - 0.11)), box=(0.1, 0.1, 0.2))
+    under = Obstacle("stand", At((x, y, z - 0.11)), box=(0.1, 0.1, 0.2), support=True)
     wheel = replace(WHEEL, at=At((x, y, z - 0.01), (pi / 2, 0, 0)))
     with pytest.raises(InputError, match=r"at the start these touch: .*left/") as caught:
         build_cell(_task(cell=(under,), parts={"wheel": wheel}), EXAMPLES)
