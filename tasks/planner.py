@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -72,7 +74,14 @@ def plan(
         raise InputError("seed", f"{seed!r} is no seed", f"give a whole number from 0 to {_LARGEST_SEED}")
     if not task.goals:
         raise InputError("goals", "there is nothing to do", "give at least one goal")
-    clock, deadline = _Clock(), Deadline(time_limit, progress)
+    try:
+        return _planned(task, folder, seed, Deadline(time_limit, progress))
+    finally:
+        _give_memory_back()
+
+
+def _planned(task: Task, folder: str | Path, seed: int, deadline: Deadline) -> Plan:
+    clock = _Clock()
     deadline.tell("cell")
     cell = build_cell(task, folder)
     clock.stage("cell")
@@ -103,6 +112,13 @@ def plan(
     if not verification.ok:
         raise UnverifiedError(verification)
     return msgspec.structs.replace(made, seconds=clock.seconds)
+
+
+def _give_memory_back() -> None:
+    """Let the system have what is free: glibc keeps it, since collision geometry leaves it in small pieces."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
 
 
 def _reach_all(job: Job) -> list[int | None]:
