@@ -184,6 +184,8 @@ def _scaled(mesh: trimesh.Trimesh, place: str, unit: str) -> Array:
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
     if len(faces) == 0:
         raise InputError(place, "has no triangles", "export a triangle mesh; the file may be cut short")
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise InputError(place, "its vertices have not three coordinates", "export the mesh again")
     if len(faces) > MOST_FACES:
         raise InputError(
             place,

@@ -52,9 +52,13 @@ class Mesh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return cls(vertices, faces, digest)
 
     def trimesh(self) -> trimesh.Trimesh:
-        """The triangles [m], neither merged nor repaired."""
-        vertices = np.frombuffer(base64.b64decode(self.vertices), dtype="<f8").reshape(-1, 3)
-        faces = np.frombuffer(base64.b64decode(self.faces), dtype="<i4").reshape(-1, 3)
+        """The triangles [m], neither merged nor repaired.
+
+        Raises:
+            ValueError: The text is no base64, or not of three numbers each.
+        """
+        vertices = np.frombuffer(base64.b64decode(self.vertices, validate=True), dtype="<f8").reshape(-1, 3)
+        faces = np.frombuffer(base64.b64decode(self.faces, validate=True), dtype="<i4").reshape(-1, 3)
         return trimesh.Trimesh(vertices.copy(), faces.copy(), process=False)
 
 
@@ -100,8 +104,8 @@ class Motion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
-        return self.times[-1]
+        """Time from the first to the last sample [s]; 0 without samples."""
+        return self.times[-1] if self.times else 0.0
 
 
 class GraspUse(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

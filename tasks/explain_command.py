@@ -69,10 +69,13 @@ def _explain(options: argparse.Namespace) -> int:
         tell("  nothing that was tried")
     if options.json:
         say_json({"planned": False, "because": str(answer), "causes": _causes(answer), "report": lines, "helps": helps})
-    if options.view is not None and isinstance(answer, NoPlanError):
-        report = answer.report
-        write_file(options.view, lambda path: write_blocked_page(path, report, helps))
-        tell(f"page -> {options.view}")
+    if options.view is not None:
+        if isinstance(answer, NoPlanError):
+            report = answer.report
+            write_file(options.view, lambda path: write_blocked_page(path, report, helps))
+            tell(f"page -> {options.view}")
+        else:
+            tell("no page: there is no candidate to show")
     return 1
 
 

@@ -27,6 +27,7 @@ from .task_file import task_of
 
 STEP = 0.02  # s
 _SHORTEST_STEP = 1e-3  # s
+_MOST_POINTS = 1_000_000
 _NANO = 1_000_000_000
 _SLOPE_STEP = 1e-5  # m, of an opening
 _ROUNDING = 1e-6  # of a step
@@ -103,9 +104,10 @@ def trajectories(plan: Plan, step: float = STEP) -> list[Stretch]:
         step: Longest time between two points [s].
 
     Raises:
-        InputError: Robot or task are not to be had as they were, or ``step`` is below a millisecond.
+        InputError: Robot or task are not to be had as they were, or ``step`` is below a millisecond or gives millions
+            of points.
     """
-    robot = _robot(plan)
+    robot = _robot(plan, step)
     stretches, start = [], 0.0
     for number, action in enumerate(plan.actions, start=1):
         motion, times = curve(plan.joints, action.motion), _times(action, step)
@@ -135,7 +137,7 @@ def table(plan: Plan, step: float = STEP) -> str:
     Raises:
         InputError: As for `trajectories`.
     """
-    arms = sorted(_robot(plan).hands)
+    arms = sorted(_robot(plan, step).hands)
     written = io.StringIO()
     writer = csv.writer(written, lineterminator="\n")
     writer.writerow(["time", "action", "kind", *plan.joints, *(opening_of(arm) for arm in arms), "event"])
@@ -153,7 +155,12 @@ def table(plan: Plan, step: float = STEP) -> str:
     return written.getvalue()
 
 
-def _robot(plan: Plan) -> Robot:
+def _robot(plan: Plan, step: float) -> Robot:
+    if not step >= _SHORTEST_STEP:
+        raise InputError("step", f"{step} s between points", f"give at least {_SHORTEST_STEP} s")
+    if plan.duration > _MOST_POINTS * step:
+        problem = f"the motion of {plan.duration:g} s has more than {_MOST_POINTS} points {step:g} s apart"
+        raise InputError("step", problem, "give a longer one")
     robot = robot_of(task_of(plan.task), plan.folder)
     check_names(plan, robot)
     return robot
@@ -161,8 +168,6 @@ def _robot(plan: Plan) -> Robot:
 
 def _times(action: Action, step: float) -> Array:
     """Times (n,) [s] of the samples of an action and of its events, and more between where they are far apart."""
-    if not step >= _SHORTEST_STEP:
-        raise InputError("step", f"{step} s between points", f"give at least {_SHORTEST_STEP} s")
     knots = np.array(action.motion.times)
     events = np.array([event.time for event in action.events])
     apart = np.abs(events[:, None] - knots).min(axis=1, initial=np.inf) > _SHORTEST_STEP

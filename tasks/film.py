@@ -12,7 +12,7 @@ from ..errors import InputError, UnknownNameError
 from ..robots.chain import Chain
 from ..robots.robot import Robot
 from ..robots.trajectory import Trajectory
-from ..transforms import Array, invert
+from ..transforms import Array, checked_poses, invert
 from .document import Action, Motion, Plan
 
 _OVERSHOOT = 1e-4  # m that a curve of openings may leave the stroke by between its samples
@@ -68,7 +68,7 @@ def film(plan: Plan, robot: Robot, rate: float) -> Film:
 
 
 def check_names(plan: Plan, robot: Robot) -> None:
-    """Whether ``plan`` moves the joints and hands of ``robot``, and always speaks of the same parts.
+    """Whether ``plan`` moves the joints and hands of ``robot``, and always speaks of the same parts, at poses.
 
     Raises:
         InputError: It does not; the message tells where.
@@ -90,6 +90,8 @@ def check_names(plan: Plan, robot: Robot) -> None:
                 raise UnknownNameError(place, "part", part, sorted(parts))
             if carrier not in parts and carrier not in robot.arms:
                 raise UnknownNameError(place, "carrier", carrier, (*robot.arms, *sorted(parts)))
+        carriers = [entry.carrier_from_part for entry in action.start.attached.values()]
+        checked_poses([*action.start.poses.values(), *carriers], place)
 
 
 def curve(joints: Sequence[str], motion: Motion) -> Trajectory:
@@ -181,12 +183,14 @@ def _ride(action: Action, flanges: Mapping[str, Array], moments: Array) -> dict[
     }
     standing = {part: np.tile(np.array(pose), (len(moments), 1, 1)) for part, pose in action.start.poses.items()}
 
-    def world_from(body: str) -> Array:
+    def world_from(body: str, *above: str) -> Array:
         if body in flanges:
             return flanges[body]
+        if body in above:
+            raise InputError("plan", f"{body} carries itself", "plan the task again")
         if body in carriers:
             carrier, carrier_from_body = carriers[body]
-            return world_from(carrier) @ carrier_from_body
+            return world_from(carrier, body, *above) @ carrier_from_body
         return standing[body]
 
     poses = {part: world_from(part) for part in standing}

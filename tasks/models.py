@@ -14,6 +14,7 @@ from ..errors import InputError
 
 LIBRARY = Path(__file__).resolve().parent.parent / "robots" / "library"
 _HAND_FILES = (".yaml", ".yml")
+_LARGEST = 64 * 2**20  # bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +105,32 @@ def read_bytes(path: Path) -> bytes:
     """The contents of a file.
 
     Raises:
-        InputError: It is missing or cannot be read.
+        InputError: It is missing, no plain file, too large, or cannot be read.
     """
     try:
+        if path.exists() and not (path.is_file() and path.stat().st_size <= _LARGEST):
+            problem = f"cannot be read: it is a folder, a device, or larger than {_LARGEST} bytes"
+            raise InputError(path, problem, "give a plain file")
         return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "put the file where the task says") from error
+    except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
+        raise InputError(path, f"cannot be read ({error})", "put the file where the task says") from error
+
+
+def read_yaml(path: Path) -> dict[Any, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        InputError: The file cannot be read, or has none.
+    """
+    try:
+        content = yaml.safe_load(read_bytes(path))
+    except InputError:
+        raise
+    except Exception as error:  # what reads tagged values raises whatever it meets in them
+        raise InputError(path, f"no YAML ({error})", "mend the file there") from error
+    if not isinstance(content, dict):
+        raise InputError(path, "no mapping", "give the YAML file that the task means")
+    return content
 
 
 def _hand_files(hand: str, folder: Path) -> HandFiles:
@@ -118,11 +139,8 @@ def _hand_files(hand: str, folder: Path) -> HandFiles:
     else:
         path = _shipped(hand, ".yaml", "hand")
         name = path.name
-    try:
-        content = yaml.safe_load(read_bytes(path))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(path, "no YAML", "give the YAML file of a hand") from error
-    urdf = content.get("urdf") if isinstance(content, dict) else None
+    content = read_yaml(path)
+    urdf = content.get("urdf")
     if not isinstance(urdf, str) or not urdf:
         raise InputError(path, "names no URDF", "give the hand's URDF as urdf: NAME.urdf")
     return HandFiles(name, path, path.parent / urdf, content)
@@ -130,6 +148,6 @@ def _hand_files(hand: str, folder: Path) -> HandFiles:
 
 def _shipped(name: str, suffix: str, kind: str) -> Path:
     path = LIBRARY / f"{name}{suffix}"
-    if Path(name).name != name or not path.is_file():
+    if path not in LIBRARY.iterdir():
         raise InputError("library", f"there is no {kind} named {name!r}", f"give a shipped {kind} or files of your own")
     return path

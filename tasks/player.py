@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..errors import InputError
 from ..transforms import Array
 from .page import packed
 
@@ -173,13 +174,20 @@ def player_script(
 
 
 def packed_motion(times: Array, poses: Array) -> str:
-    """What the script reads, as text: bodies at poses (n, bodies, 4, 4) in the world at ``times`` (n,) [s]."""
+    """What the script reads, as text: bodies at poses (n, bodies, 4, 4) in the world at ``times`` (n,) [s].
+
+    Raises:
+        InputError: A step from one moment to the next is too large for it.
+    """
     n, bodies = poses.shape[:2]
     quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat().reshape(n, bodies, 4)
     turned = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True) < 0.0
     quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)  # the sign that is nearer to the one before
     rows = np.vstack([times, np.concatenate([poses[..., :3, 3], quaternions], axis=-1).reshape(n, -1).T])
-    counts = np.rint(rows / QUANTUM).astype(np.int32)
-    steps = np.diff(counts, n=2, axis=1, prepend=np.zeros((len(counts), 2), np.int32))
+    counts = np.rint(rows / QUANTUM)
+    steps = np.diff(counts, n=2, axis=1, prepend=np.zeros((len(counts), 2)))
+    if not np.abs(steps).max() < 2**31:
+        raise InputError("plan", "something moves kilometres, or for hours, in one moment", "plan the task again")
+    steps = steps.astype(np.int32)
     bits = (steps << 1) ^ (steps >> 31)
     return packed(bits.astype("<i4").reshape(-1).view(np.uint8).reshape(-1, 4).T.tobytes())

@@ -119,12 +119,12 @@ def _moved(cell: Cell, at: At) -> At:
 
 
 def _with_hand(task: Task, hand: str) -> Iterator[Change]:
-    """With a shipped hand on one arm that has another, or on all."""
+    """With a shipped hand on one of the arms that have another, or on all of them."""
     now = {arm: entry.hand if isinstance(entry, Mounted) else entry for arm, entry in task.hands.items()}
-    for arms in dict.fromkeys([*((arm,) for arm in now), tuple(now)]):
-        if any(now[arm] != hand for arm in arms):
-            changed = _replace(task, hands={**task.hands, **dict.fromkeys(arms, hand)})
-            yield f"with {hand} on {' and '.join(arms)}", changed
+    others = [arm for arm in now if now[arm] != hand]
+    for arms in dict.fromkeys([*((arm,) for arm in others), tuple(others)] if others else []):
+        changed = _replace(task, hands={**task.hands, **dict.fromkeys(arms, hand)})
+        yield f"with {hand} on {' and '.join(arms)}", changed
 
 
 def _otherwise(task: Task, cell: Cell, part: str) -> Iterator[Change]:
@@ -146,9 +146,10 @@ def _wider(task: Task) -> Iterator[Change]:
     for i, entry in enumerate(task.cell):
         if entry.support and entry.box is not None:
             x, y, z = (float(side) for side in entry.box)
-            wider = _replace(entry, box=(x + 2.0 * _WIDER, y + 2.0 * _WIDER, z))
+            wider = _replace(entry, box=(_round(x + 2.0 * _WIDER, _EXACT), _round(y + 2.0 * _WIDER, _EXACT), z))
             cells = (*task.cell[:i], wider, *task.cell[i + 1 :])
-            yield f"with {1e2 * _WIDER:g} cm more of {entry.name} on all sides", _replace(task, cell=cells)
+            words = f"with {1e2 * _WIDER:g} cm more of {entry.name} on all sides (box: {_listed(wider.box)})"
+            yield words, _replace(task, cell=cells)
 
 
 def _named_parts(task: Task) -> dict[str, None]:
@@ -185,9 +186,13 @@ def _round(value: float, digits: int) -> float:
     return round(float(value), digits) + 0.0  # no zero with a sign
 
 
+def _listed(lengths: Iterable[float]) -> str:
+    return f"[{', '.join(f'{float(length):g}' for length in lengths)}]"
+
+
 def _xyz(at: At) -> str:
     """A position as a task file has it."""
-    return f"xyz: [{', '.join(f'{float(v):g}' for v in at.xyz)}]"
+    return f"xyz: {_listed(at.xyz)}"
 
 
 def _pose(at: At) -> str:

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import trimesh
-import yaml
 
 from ..errors import InputError
 from ..transforms import Array, compose, invert, pose, transform_points
-from .models import HandFiles, ModelFiles, model_files, read_bytes
+from .models import HandFiles, ModelFiles, model_files, read_yaml
 from .task import Mounted, OwnRobot, Task
 from .verify_robot import Tree, read_tree, read_xml
 
@@ -165,7 +164,7 @@ def read_machine(task: Task, builtins: Mapping[str, Any], folder: Path) -> Machi
     try:
         arms, states, disabled = _srdf(tree, files.srdf)
         limits = _limits(tree, files)
-    except (KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise InputError(files.srdf, f"does not fit {files.urdf.name} ({error})", "give files of one robot") from error
     wanted = own.home if own else "home"
     if wanted not in states and wanted != "home":
@@ -225,7 +224,7 @@ def _limits(tree: Tree, files: ModelFiles) -> Array:
     limits = np.array([[j.lower, j.upper, j.velocity, _ACCELERATION] for j in tree.moving]).reshape(-1, 4).T
     if files.limits is not None:
         names = [joint.name for joint in tree.moving]
-        for name, given in _yaml(files.limits)["joint_limits"].items():
+        for name, given in read_yaml(files.limits)["joint_limits"].items():
             i = names.index(name)
             if given.get("has_position_limits"):
                 limits[0, i] = max(limits[0, i], given.get("min_position", -np.inf))
@@ -254,7 +253,7 @@ def _gripper(files: HandFiles) -> Gripper:
             values=np.linspace(float(driver["closed"]), float(driver["open"]), _TABLE_SIZE),
             mimics=_mimics(tree, driver["joint"]),
         )
-    except (KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         problem = f"does not fit {files.urdf.name} ({error})"
         raise InputError(files.yaml, problem, "give the files of one hand") from error
 
@@ -267,16 +266,6 @@ def _mimics(tree: Tree, driver: str) -> Array:
         if root != driver:
             raise ValueError(f"joint {joint.name} does not follow {driver}")
     return mimics
-
-
-def _yaml(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(read_bytes(path))
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(path, f"no YAML ({error})", "mend the file there") from error
-    if not isinstance(content, dict):
-        raise InputError(path, "no mapping", "give the YAML file that the task means")
-    return content
 
 
 def _unit(vectors: Array) -> Array:

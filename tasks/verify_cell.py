@@ -16,8 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from ..errors import InputError
 from ..transforms import Array, pose
 from .document import Plan
+from .models import read_bytes
 from .quantities import UNITS
 from .task import Task
 from .verify_arms import Machine, adjacent, read_machine, rigid_pairs
@@ -260,21 +262,22 @@ def _meshes(plan: Plan, task: Task, findings: Findings) -> dict[str, trimesh.Tri
             if off > _ROUNDING or not np.isclose(mesh.volume, np.prod(boxes[name])):
                 words = f"the triangles of {name} are not the task's box: a side is {1e3 * off:.3f} mm off"
                 findings.add("mesh", words, bodies=[name])
-        if name in files and (Path(plan.folder) / files[name][0]).is_file():
-            unlike = _unlike_its_file(mesh, packed.digest, Path(plan.folder) / files[name][0], files[name][1])
-            if unlike:
-                findings.add("mesh", f"{name}: {unlike}", bodies=[name])
+        if name in files and (unlike := _unlike_its_file(mesh, packed.digest, Path(plan.folder), *files[name])):
+            findings.add("mesh", f"{name}: {unlike}", bodies=[name])
     return meshes
 
 
-def _unlike_its_file(mesh: trimesh.Trimesh, digest: str, path: Path, unit: str) -> str:
-    """What differs between triangles [m] and the file that they come from; empty if nothing does."""
-    content = path.read_bytes()
-    if sha256(content).hexdigest() != digest:
-        return f"{path.name} has changed since the plan was made"
+def _unlike_its_file(mesh: trimesh.Trimesh, digest: str, folder: Path, name: str, unit: str) -> str:
+    """What differs between triangles [m] and the file that they come from; empty if nothing does or it is not there."""
     try:
-        given = trimesh.load_mesh(BytesIO(content), file_type=path.suffix.lower().lstrip("."), process=False)
+        content = read_bytes(folder / name)
+    except InputError:
+        return ""
+    if sha256(content).hexdigest() != digest:
+        return f"{name} has changed since the plan was made"
+    try:
+        given = trimesh.load_mesh(BytesIO(content), file_type=Path(name).suffix.lower().lstrip("."), process=False)
         off = np.abs(given.triangles * UNITS["length"][unit] - mesh.triangles).max()
     except Exception as error:  # the readers raise whatever their parsing meets
-        return f"{path.name} cannot be compared ({error})"
-    return "" if off <= _ROUNDING else f"its triangles are {1e3 * off:.3f} mm off those of {path.name}"
+        return f"{name} cannot be compared ({error})"
+    return "" if off <= _ROUNDING else f"its triangles are {1e3 * off:.3f} mm off those of {name}"

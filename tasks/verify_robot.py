@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from math import inf, pi
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,6 +21,7 @@ from .models import read_bytes
 
 _SECTIONS = 96
 _LARGEST = 8_000_000  # bytes
+_MOST_LINKS, _MOST_SHAPES = 500, 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,7 @@ def read_tree(path: Path, packages: Sequence[Path] = ()) -> Tree:
     root = read_xml(path)
     try:
         return _tree(path, root, packages)
-    except (KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise InputError(path, f"no URDF that can be read ({error})", "check it with check_urdf") from error
 
 
@@ -171,6 +173,8 @@ def read_xml(path: Path) -> ElementTree.Element:
 def _tree(path: Path, root: ElementTree.Element, packages: Sequence[Path]) -> Tree:
     elements = {link.attrib["name"]: link for link in root.findall("link")}
     joints = {joint.attrib["name"]: joint for joint in root.findall("joint")}
+    if len(elements) > _MOST_LINKS or len(root.findall("link/collision")) > _MOST_SHAPES:
+        raise InputError(path, f"more than {_MOST_LINKS} links or {_MOST_SHAPES} shapes", "leave some out")
     ends = {name: (_named(joint, "parent"), _named(joint, "child")) for name, joint in joints.items()}
     roots = elements.keys() - {child for _, child in ends.values()}
     if len(roots) != 1 or len(ends) != len(elements) - 1:
@@ -255,7 +259,10 @@ def _shape(
     file = _found(path, shape.attrib["filename"], packages)
     if str(file) not in known:
         try:
-            known[str(file)] = trimesh.load_mesh(file, process=False)
+            content, kind = BytesIO(read_bytes(file)), file.suffix.lower().lstrip(".")
+            known[str(file)] = trimesh.load_mesh(content, file_type=kind, process=False)
+        except InputError:
+            raise
         except Exception as error:  # the readers raise whatever their parsing meets
             raise InputError(file, f"no mesh that can be read ({error})", "export it as STL or OBJ") from error
     return known[str(file)].copy().apply_scale(_numbers(shape.get("scale", "1 1 1")))

@@ -106,6 +106,7 @@ def test_weight_is_one_positive_number(box, weight):
         ("bomb.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\x7fJSON{}"),
         ("vertices.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
         ("outside.obj", b"v 0 0 0\nv 10 0 0\nv 0 10 0\nf 1 2 9\n"),
+        ("plane.obj", b"v 0 0\nv 10 0\nv 0 10\nv 10 10\nf 1 2 3\nf 1 3 4\n"),
         ("nothing.stl", b"solid nothing\nendsolid nothing\n"),
         ("mesh.step", b"ISO-10303-21;"),
         ("nosuffix", b"solid x"),

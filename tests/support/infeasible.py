@@ -21,7 +21,8 @@ from kumitate.tasks.reasons import NoPlanError
 from kumitate.tasks.task import Area, At, Attach, Goal, Grasping, Insert, Obstacle, PartEntry, Place, Task
 
 _TOP = -0.05  # m, of the table
-_FEW = Grasping(t_rnn=0.02, n_da=4)  # grasps, so that few motions are tried
+_COARSE = Grasping(t_rnn=0.006)  # enough grasps
+_FEW = Grasping(t_rnn=0.02, n_da=4)  # so that few motions are tried
 
 
 @dataclass(frozen=True)
@@ -96,17 +97,21 @@ def refusal(name: str) -> NoPlanError:
 # Tasks ----------------------------------------------------------------------------------------------------------------
 
 
+def _above(z: float) -> float:
+    return round(_TOP + z, 6)
+
+
 def _box(name: str, x: float, y: float, z: float, *sides: float, support: bool = False) -> Obstacle:
     """A box with its middle ``z`` above the table."""
-    return Obstacle(name, At((x, y, _TOP + z)), box=sides, support=support)
+    return Obstacle(name, At((x, y, _above(z))), box=sides, support=support)
 
 
 def _part(mesh: str, x: float, y: float, z: float, mass: float = 0.1) -> PartEntry:
-    return PartEntry(f"{mesh}.stl", "m", At((x, y, _TOP + z)), mass=mass)
+    return PartEntry(f"{mesh}.stl", "m", At((x, y, _above(z))), mass=mass, grasps=_COARSE)
 
 
 def _place(part: str, x: float, y: float, z: float, roll: float = 0.0) -> Goal:
-    return Goal(place=Place(part, At((x, y, _TOP + z), (roll, 0.0, 0.0))))
+    return Goal(place=Place(part, At((x, y, _above(z)), (roll, 0.0, 0.0))))
 
 
 TABLE = _box("table", 0.4, 0.0, -0.01, 0.3, 1.32, 0.02, support=True)
@@ -138,7 +143,7 @@ _STANDS = tuple(
 _TURNED_OVER = replace(
     moving("puck", _part("puck", 0.4, 0.25, 0.035), _place("puck", 0.4, 0.4, 0.035, pi)),
     hands={"left": "robotiq_2f85"},
-    cell=(replace(TABLE, support=False), *_STANDS),
+    cell=(replace(TABLE, support=False), *_STANDS, _box("shelf", 0.45, -0.2, 0.01, 0.03, 0.03, 0.02, support=True)),
 )
 _CORNER = Goal(place=Place("block", area=Area("table", ((0.37, 0.35), (0.43, 0.41)))))
 _CRATE = _box("crate", 0.4, 0.38, 0.05, 0.1, 0.1, 0.1)

@@ -53,6 +53,18 @@ def test_meshes_keep_every_triangle_and_number(rng):
     assert len(Mesh.of(soup).trimesh().vertices) == len(soup.vertices)  # nothing is merged
 
 
+@pytest.mark.parametrize("text", ["AAAA*", "AAA", "é", "AAAA"])
+def test_triangles_that_are_no_base64_of_threes_are_told(text):
+    for mesh in (Mesh(text, ""), Mesh("", text)):
+        with pytest.raises(ValueError):  # noqa: PT011
+            mesh.trimesh()
+
+
+def test_a_motion_without_samples_takes_no_time():
+    action = short_plan().actions[0]
+    assert replace(action.motion, times=()).duration == 0.0
+
+
 def test_matrices_are_poses_row_by_row():
     written = matrix(pose([1.0, 2.0, 3.0], [0.0, 0.0, np.pi / 2]))
     np.testing.assert_allclose(written, [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], atol=1e-12)

@@ -184,6 +184,14 @@ def test_a_step_of_nothing_is_refused(plan, step):
             export(plan, step)
 
 
+def test_more_points_than_anybody_can_use_are_refused(plan):
+    action = plan.actions[0]
+    motion = replace(action.motion, times=tuple(1e9 * time for time in action.motion.times))
+    for export in (trajectories, table):
+        with pytest.raises(InputError, match=r"step: .*more than 1000000 points"):
+            export(replace(plan, actions=(replace(action, motion=motion), *plan.actions[1:])))
+
+
 def test_a_plan_of_another_robot_is_refused(plan):
     for export in (trajectories, table):
         with pytest.raises(InputError, match="joints"):

@@ -12,7 +12,7 @@ from kumitate.errors import InputError
 from kumitate.robots.library import load_robot
 from kumitate.robots.scene import Scene
 from kumitate.robots.state import Body
-from kumitate.tasks.document import Event
+from kumitate.tasks.document import Carried, Event, matrix
 from kumitate.tasks.film import curve, film
 from kumitate.transforms import invert, pose_distance
 
@@ -117,6 +117,9 @@ def test_a_plan_that_does_not_fit_is_told(plan, robot):
     state, motion = first.start, first.motion
     ghost = Event(0.0, "attach", "ghost", "left")
     crane = Event(0.0, "attach", "block", "crane")
+    here = matrix(np.eye(4))
+    around = {"block": Carried("peg", here), "peg": Carried("tube", here), "tube": Carried("block", here)}
+    flat = {**state.poses, "block": matrix(np.zeros((4, 4)))}
     wrong = {
         "it has no action": replace(plan, actions=()),
         "joints": replace(plan, joints=plan.joints[::-1]),
@@ -125,6 +128,9 @@ def test_a_plan_that_does_not_fit_is_told(plan, robot):
         "parts": replace(plan, actions=(first, replace(first, start=replace(state, poses={})))),
         "hands": replace(plan, actions=(replace(first, motion=replace(motion, openings={})),)),
         "samples": replace(plan, actions=(replace(first, motion=replace(motion, positions=motion.positions[1:])),)),
+        "increase from 0": replace(plan, actions=(replace(first, motion=replace(motion, times=())),)),
+        "carries itself": replace(plan, actions=(replace(first, start=replace(state, attached=around)),)),
+        "no rigid pose": replace(plan, actions=(replace(first, start=replace(state, poses=flat)),)),
     }
     for words, other in wrong.items():
         with pytest.raises(InputError, match=words):

@@ -66,3 +66,20 @@ def test_what_is_missing_is_told(own, tmp_path):
     (tmp_path / "grippers" / "suction_cup.yaml").write_text("urdf: [")
     with pytest.raises(InputError, match="no YAML"):
         model_digests(own, tmp_path)
+
+
+@pytest.mark.parametrize("text", ["urdf: !!bool x", "urdf: !!timestamp x", "urdf: " + "[" * 5000, "urdf: 2020-13-45", "[]"])
+def test_yaml_that_means_nothing_is_told(own, tmp_path, text):
+    (tmp_path / "grippers" / "suction_cup.yaml").write_text(text)
+    with pytest.raises(InputError, match=r"suction_cup\.yaml: no (YAML|mapping)"):
+        model_digests(own, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/", "a" * 5000, "a\0b", "\ud800"])
+def test_what_is_no_plain_file_is_not_read(own, tmp_path, name):
+    for task in ({**own, "robot": {"urdf": name, "srdf": "mine.srdf"}}, {**own, "hands": {"left": f"{name}.yaml"}}):
+        with pytest.raises(InputError, match=r"cannot be read|no hand"):
+            model_digests(task, tmp_path)
+    for task in ({**own, "robot": name}, {**own, "hands": {"left": name}}):
+        with pytest.raises(InputError, match="there is no"):
+            model_digests(task, tmp_path)

@@ -134,6 +134,9 @@ def test_what_is_no_urdf_is_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             read_tree(urdf(tmp_path, shapes, joints))
+    (tmp_path / "robot.urdf").write_text('<robot name="r">' + '<link name="a"/>' * 501 + "</robot>")
+    with pytest.raises(InputError, match="no URDF|more than 500"):
+        read_tree(tmp_path / "robot.urdf")
     (tmp_path / "robot.urdf").write_text("<robot")
     with pytest.raises(InputError, match="no XML"):
         read_tree(tmp_path / "robot.urdf")
