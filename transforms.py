@@ -67,7 +67,7 @@ def pose(xyz: Sequence[float] | Array = (0.0, 0.0, 0.0), rpy: Sequence[float] | 
 
 
 def rpy_from_rotation(rotation: Array) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch and yaw [rad] of a rotation (3, 3); roll is 0 where it turns about the same axis as yaw."""
+    """Fixed-axis roll, pitch, yaw [rad] of a rotation (3, 3); roll is 0 where it turns about the axis that yaw does."""
     level = float(np.hypot(rotation[0, 0], rotation[1, 0]))
     pitch = float(np.arctan2(-rotation[2, 0], level))
     if level < _LEVEL:  # x points up or down

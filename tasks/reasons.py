@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..errors import NoRegraspError, PlanningError
 from ..regrasp.diagnosis import Cause, Diagnosis, decisive, diagnose, roots
 from ..regrasp.reach import Node, Reacher
@@ -14,11 +16,11 @@ from ..regrasp.report import Count
 from ..regrasp.steps import Attempt
 from ..robots.scene import Scene
 from ..robots.state import SceneState
-from ..transforms import Array
+from ..transforms import Array, compose, invert, pose
 from .assembly import NoMeetingError, in_the_way, ways_left
 from .job import Job
 from .targets import hold_nodes, place_nodes
-from .task import Attach, Goal
+from .task import At, Attach, Goal
 from .use import stroke_nodes
 
 _MOST_NODES = 3  # places of a goal that are looked at
@@ -137,6 +139,8 @@ def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Seque
     for part in map(job.root, _parts(goal)):
         if job.held(part) is None:
             yield part, [Node(_HERE, job.pose(part), job.rests_on(part))], arms
+    if goal.attach is not None and goal.attach.where is not None:
+        yield from _joined_at(job, goal.attach, goal.attach.where, arms)
     root = job.root(_parts(goal)[0])
     if goal.place is not None:
         with suppress(NoRegraspError):  # an area without room for the part is told by the search
@@ -146,6 +150,21 @@ def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Seque
     elif goal.use is not None:
         for nodes in reversed(stroke_nodes(job, goal.use)):
             yield root, nodes[:_MOST_NODES], _pinned(goal.use.arm, arms)
+
+
+def _joined_at(
+    job: Job, goal: Attach, where: At, arms: Sequence[str]
+) -> Iterator[tuple[str, Sequence[Node], Sequence[str]]]:
+    """Where two parts must be held, before the straight way, to be joined at the pose ``where`` of the other."""
+    direction = np.asarray(goal.insert.direction, dtype=float)
+    way = goal.insert.distance * direction / np.linalg.norm(direction)
+    world_from_to = pose(where.xyz, where.rpy)
+    before = world_from_to @ compose(np.eye(3), -way) @ pose(goal.at.xyz, goal.at.rpy)
+    for name, at, arm in ((goal.to, world_from_to, goal.to_arm), (goal.part, before, goal.arm)):
+        root = job.root(name)
+        there = at @ invert(job.pose(name)) @ job.pose(root)
+        if job.held(root) is None:
+            yield root, [Node(f"{root} at its goal", there, None, to_leave=False)], _pinned(arm, arms)
 
 
 def _parts(goal: Goal) -> list[str]:

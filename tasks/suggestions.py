@@ -146,9 +146,9 @@ def _wider(task: Task) -> Iterator[Change]:
     for i, entry in enumerate(task.cell):
         if entry.support and entry.box is not None:
             x, y, z = (float(side) for side in entry.box)
-            wider = _replace(entry, box=(_round(x + 2.0 * _WIDER, _EXACT), _round(y + 2.0 * _WIDER, _EXACT), z))
-            cells = (*task.cell[:i], wider, *task.cell[i + 1 :])
-            words = f"with {1e2 * _WIDER:g} cm more of {entry.name} on all sides (box: {_listed(wider.box)})"
+            box = (_round(x + 2.0 * _WIDER, _EXACT), _round(y + 2.0 * _WIDER, _EXACT), z)
+            cells = (*task.cell[:i], _replace(entry, box=box), *task.cell[i + 1 :])
+            words = f"with {1e2 * _WIDER:g} cm more of {entry.name} on all sides (box: {_listed(box)})"
             yield words, _replace(task, cell=cells)
 
 

@@ -125,7 +125,7 @@ def spoiled_numbers(rng: Rng, text: bytes) -> bytes:
     places = list(_NUMBER.finditer(text))
     for _ in range(min(int(rng.integers(1, 4)), len(places))):
         place = one(rng, places)
-        written = one(rng, (*NUMBERS, repr(nudged(rng, float(place[0][:30])))))
+        written = one(rng, NUMBERS) if rng.random() < 0.4 else repr(nudged(rng, float(place[0][:30])))
         text = text[: place.start()] + written.encode() + text[place.end() :]
         places = list(_NUMBER.finditer(text))
     return text

@@ -147,6 +147,7 @@ _TURNED_OVER = replace(
 )
 _CORNER = Goal(place=Place("block", area=Area("table", ((0.37, 0.35), (0.43, 0.41)))))
 _CRATE = _box("crate", 0.4, 0.38, 0.05, 0.1, 0.1, 0.1)
+_JOINED = _joining("peg", 0.09, "tube", -0.045, (pi, 0.0, 0.0))
 _RING = replace(
     moving(
         "ring",
@@ -218,13 +219,19 @@ ONE = {
         _joining("peg", 0.09, "barred", -0.045, (pi, 0.0, 0.0)),
         "peg is not joined to barred",
         (("parts touch on the straight way:", ("peg", "barred")),),
-        _joining("peg", 0.09, "tube", -0.045, (pi, 0.0, 0.0)),
+        _JOINED,
     ),
     "a pin that goes in whole": Infeasible(
         _joining("pin", 0.03, "tube", 0.0, (pi, 0.0, 0.0)),
         "pin is not joined to tube",
         (("every hand on pin is in the way of", ("tube",)),),
         _joining("pin", 0.03, "tube", -0.03, (pi, 0.0, 0.0)),
+    ),
+    "an assembly pose too low": Infeasible(
+        replace(_JOINED, goals=(Goal(attach=replace(_JOINED.goals[0].attach, where=At((0.4, 0.0, -0.02)))),)),
+        _AT_GOAL.format("peg"),
+        (("part against", ("table",)),),
+        _JOINED,
     ),
     "no grasp shared, and no way to regrasp": Infeasible(
         _TURNED_OVER,

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from stills import CHROMIUM, opened
 
 from kumitate.errors import InputError
-from kumitate.tasks.document import Mesh
+from kumitate.tasks.document import Mesh, matrix
 from kumitate.tasks.replay import write_replay
 
 LARGEST = 6_000_000  # bytes
@@ -233,6 +233,16 @@ def test_half_an_hour_and_fine_meshes_keep_to_the_size(plan, tmp_path):
     assert len(ball.faces) > 300_000
     write_replay(long, tmp_path / "long.html")
     assert (tmp_path / "long.html").stat().st_size < LARGEST
+
+
+def test_motions_that_numbers_of_the_page_cannot_hold_are_told(plan, tmp_path):
+    action = plan.actions[0]
+    there = np.eye(4)
+    there[0, 3] = 1e9
+    far = dict.fromkeys(action.start.poses, matrix(there))
+    moved = replace(action, start=replace(action.start, poses=far))
+    with pytest.raises(InputError, match="moves kilometres"):
+        write_replay(replace(plan, actions=(moved, *plan.actions[1:])), tmp_path / "page.html")
 
 
 def test_a_plan_whose_triangles_are_missing_or_broken_is_told(plan, tmp_path):

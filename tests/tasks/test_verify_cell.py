@@ -53,6 +53,12 @@ def test_meshes_are_those_of_their_files(tmp_path, unit, scale):
     assert "has changed" in fault.words
 
 
+@pytest.mark.parametrize("name", ["nothing.stl", "", "/dev/zero", "a" * 5000, "a\0b"])
+def test_what_is_no_file_is_not_compared(name):
+    parts = {"block": {**short_plan().task["parts"]["block"], "mesh": name}}
+    assert mesh_faults(replace(short_plan(), task={**short_plan().task, "parts": parts})) == []
+
+
 def test_pairs_leave_out_what_cannot_meet(cell):
     named = {frozenset((cell.bodies[i].name, cell.bodies[j].name)) for i, j in cell.pairs}
     meet = {

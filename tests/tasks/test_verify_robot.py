@@ -134,8 +134,9 @@ def test_what_is_no_urdf_is_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             read_tree(urdf(tmp_path, shapes, joints))
-    (tmp_path / "robot.urdf").write_text('<robot name="r">' + '<link name="a"/>' * 501 + "</robot>")
-    with pytest.raises(InputError, match="no URDF|more than 500"):
+    links = "".join(f'<link name="l{i}"/>' for i in range(501))
+    (tmp_path / "robot.urdf").write_text(f'<robot name="r">{links}</robot>')
+    with pytest.raises(InputError, match="more than 500"):
         read_tree(tmp_path / "robot.urdf")
     (tmp_path / "robot.urdf").write_text("<robot")
     with pytest.raises(InputError, match="no XML"):
