@@ -215,8 +215,8 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         path = Path(path)
         cure = "give a file that `kumitate plan` wrote"
         try:
-            if path.stat().st_size > LARGEST_PLAN:
-                raise InputError(path, f"larger than {LARGEST_PLAN} bytes", cure)
+            if path.exists() and not (path.is_file() and path.stat().st_size <= LARGEST_PLAN):
+                raise InputError(path, f"cannot be read: no plain file, or larger than {LARGEST_PLAN} bytes", cure)
             content = path.read_bytes()
             head = msgspec.json.decode(content, type=_Head)
             if head.format != FORMAT:
@@ -224,7 +224,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return msgspec.json.decode(content, type=cls)
         except OSError as error:
             raise InputError(path, f"cannot be read ({error.strerror})", cure) from error
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise InputError(path, f"no plan ({error})", cure) from error
 
 

@@ -19,8 +19,8 @@ from .document import FORMAT, Plan
 from .goals import go_home, hand_over, make_way, place, put_down
 from .job import Job
 from .models import model_digests
-from .order import in_some_order
-from .reasons import NoPlanError, reasons
+from .order import NoOrderError, in_some_order
+from .reasons import NoPlanError, reasons, reasons_for_no_order
 from .record import actions_of
 from .task import Goal, Task
 from .task_file import task_to_builtins
@@ -135,7 +135,12 @@ def _reach_all(job: Job) -> list[int | None]:
         numbers.extend([number] * (len(job.motions.steps) - len(numbers)))
 
     if task.order == "free":
-        in_some_order(job, task.goals, reach)
+        mark = job.mark()
+        try:
+            in_some_order(job, task.goals, reach)
+        except NoOrderError as error:
+            job.back_to(mark)
+            raise NoPlanError(reasons_for_no_order(job, task.goals, error), error) from error
     else:
         for number, goal in enumerate(task.goals):
             mark = job.mark()

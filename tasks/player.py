@@ -177,8 +177,10 @@ def packed_motion(times: Array, poses: Array) -> str:
     """What the script reads, as text: bodies at poses (n, bodies, 4, 4) in the world at ``times`` (n,) [s].
 
     Raises:
-        InputError: A step from one moment to the next is too large for it.
+        InputError: A pose is not finite, or a step from one moment to the next is too large for it.
     """
+    if not np.isfinite(poses).all():
+        raise InputError("plan", "something goes beyond all numbers", "plan the task again")
     n, bodies = poses.shape[:2]
     quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat().reshape(n, bodies, 4)
     turned = (quaternions[1:] * quaternions[:-1]).sum(axis=-1, keepdims=True) < 0.0

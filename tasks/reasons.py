@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import NoRegraspError, PlanningError
+from ..errors import InputError, NoRegraspError, PlanningError
 from ..regrasp.diagnosis import Cause, Diagnosis, decisive, diagnose, roots
 from ..regrasp.reach import Node, Reacher
 from ..regrasp.report import Count
@@ -27,6 +27,7 @@ _MOST_NODES = 3  # places of a goal that are looked at
 _MOST_LINES = 12
 _MOST_CAUSES = 5  # of a funnel that are told
 _HERE = "where it is"
+_NO_GRASP = "no grasp"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +127,24 @@ def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
         diagnoses += found
         if not causes and not any(entry.works for entry in found):
             causes, blocked = _no_grasps(job, found) or _decisive(found), _nearest(job, found)
-            where = f"no grasp of {part} works {'where it is' if nodes[0].name == _HERE else 'at its goal'}"
+            where = f"{_NO_GRASP} of {part} works {'where it is' if nodes[0].name == _HERE else 'at its goal'}"
     if not causes:
         where, causes = _no_way(job, goal, error, attempts)
     blocked = blocked or _standing(job, goal, causes)
     return Report(number, where, tuple(causes), tuple(diagnoses), attempts, notes, blocked)
+
+
+def reasons_for_no_order(job: Job, goals: Sequence[Goal], error: PlanningError) -> Report:
+    """Why ``goals``, free in their order, are not all reached: the first that would not even be reached as the first.
+
+    Where there is none, what stopped which order.
+    """
+    for number, goal in enumerate(goals):
+        with suppress(InputError):  # what it shall rest on is yet to come
+            report = reasons(job, number, goal, error)
+            if report.where.startswith(_NO_GRASP):
+                return report
+    return Report(None, "the goals are not reached in any order", (), notes=tuple(getattr(error, "report", ())))
 
 
 def _stations(job: Job, goal: Goal) -> Iterator[tuple[str, Sequence[Node], Sequence[str]]]:

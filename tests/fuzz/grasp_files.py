@@ -93,7 +93,7 @@ def _array(rng: Rng, content: bytes) -> bytes:
     changed: tuple[Callable[[], Any], ...] = (
         lambda: array[:-1],
         lambda: array[None],
-        lambda: array.ravel(),
+        array.ravel,
         lambda: array[..., None],
         lambda: array.T,
         lambda: array[:0],

@@ -261,7 +261,7 @@ def _glb(vertices: np.ndarray, faces: np.ndarray, nodes: list[dict] | None = Non
 
 _WRITERS = {"stl": _stl, "ascii": _ascii_stl, "obj": _obj, "ply": _ply, "off": _off, "glb": _glb}
 
-# Files that claim or hold more than they look like ---------------------------------------------------------------------
+# Files that claim or hold more than they look like --------------------------------------------------------------------
 
 
 def _claim(rng: Rng) -> int:

@@ -1,25 +1,23 @@
 """Feeds random and spoiled files of all kinds to Kumitate, each in a process of its own.
 
-``python tests/fuzz/run.py`` prints what became of them; ``--count`` for so many of each kind, ``--kind meshes plans`` for
-some kinds only, ``--seed`` for others, ``--from`` to go on with a later one, ``--again FOLDER`` for one that was kept.
+``python tests/fuzz/run.py`` prints what became of them; ``--count`` for so many of each kind, ``--kind meshes plans``
+for some kinds only, ``--seed`` for others, ``--from`` to go on with a later one, ``--again FOLDER`` for one that was
+kept.
 Inputs that end badly are kept in ``out/fuzz``, with what was said; the exit code is then 1.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import sys
 import tempfile
 from collections import Counter
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import Protocol
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-sys.dont_write_bytecode = True
 
 import numpy as np
 from worker import BAD, SOUND, Outcome, tried
@@ -49,6 +47,7 @@ _KEPT = Path("out/fuzz")
 
 
 def main() -> int:
+    sys.dont_write_bytecode = True  # inputs may write in their folders alone
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--count", type=int, help="inputs of each kind; some thousands unless given")
@@ -84,7 +83,7 @@ def count(kind: str, seed: int, numbers: range) -> Counter[str]:
     for number in numbers:
         with tempfile.TemporaryDirectory(prefix="fuzz") as name:
             folder = Path(name)
-            outcome = tried(lambda: made_and_fed(kind, seed, number, folder), folder)
+            outcome = tried(partial(made_and_fed, kind, seed, number, folder), folder)
             outcomes[outcome.name] += 1
             if not outcome.sound:
                 kept = _KEPT / f"{kind}-{seed}-{number}"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from copy import deepcopy
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from typing import Any, TypeVar
 from xml.etree import ElementTree
 
@@ -228,7 +228,7 @@ def _spoil_element(rng: Rng, root: ElementTree.Element) -> None:
         lambda: one(rng, parents).append(deepcopy(child)),
         lambda: setattr(child, "tag", one(rng, [element.tag for element in root.iter()])),
         lambda: setattr(child, "text", one(rng, ("x", "0", "1e308", "&<"))),
-        lambda: child.clear(),
+        child.clear,
     ]
     holders = [element for element in root.iter() if element.attrib]
     if holders:
