@@ -171,7 +171,7 @@ def _read(path: Path) -> tuple[_Header, dict[str, Any]]:
         if (size := sum(entry.file_size for entry in file.infolist())) > LARGEST_FILE:
             raise ValueError(f"{size} bytes are more than {LARGEST_FILE}")
         header, *arrays = (_array(file.read(f"{name}.npy")) for name in ("header", *_ARRAYS))
-    return msgspec.json.decode(str(header[()]), type=_Header), dict(zip(_ARRAYS, arrays, strict=True))
+    return msgspec.convert(json.loads(str(header[()])), _Header), dict(zip(_ARRAYS, arrays, strict=True))
 
 
 def _array(data: bytes) -> npt.NDArray[Any]:

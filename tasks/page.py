@@ -72,7 +72,7 @@ def write_page(path: str | Path, title: str, panel: str, commands: Sequence[Comm
     viewer = files(meshcat).joinpath("viewer/dist/main.min.js").read_text(encoding="utf-8")
     viewer = viewer.replace("</script", "<\\/script")
     page = _PAGE.format(title=title, panel=panel, viewer=viewer, commands=packed_commands(commands), script=script)
-    Path(path).write_text(page, encoding="utf-8")
+    Path(path).write_text(page, encoding="utf-8", errors="replace")  # names of files need not be text
 
 
 def packed(data: bytes) -> str:

@@ -10,6 +10,7 @@ are zero. Between two moments bodies go straight on.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -167,10 +168,7 @@ def player_script(
         "quantum": repr(QUANTUM),
         "angle": repr(angle),
     }
-    script = _SCRIPT
-    for name, value in values.items():
-        script = script.replace(f"@{name}@", value)
-    return script
+    return re.sub("@(film|motion|quantum|angle)@", lambda found: values[found[1]], _SCRIPT)
 
 
 def packed_motion(times: Array, poses: Array) -> str:

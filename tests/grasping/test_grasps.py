@@ -75,6 +75,8 @@ def test_a_file_gives_back_what_was_saved(grasps, tmp_path):
     assert same(loaded, grasps)
     assert loaded.record == grasps.record
     assert loaded.key == grasps.key
+    replace(grasps, part="\udcff").save(tmp_path / "n.npz")  # of a file whose name is no text
+    assert GraspSet.load(tmp_path / "n.npz").part == "\udcff"
     empty = grasps[:0]
     empty.save(tmp_path / "e.npz")
     assert same(GraspSet.load(tmp_path / "e.npz"), empty)
