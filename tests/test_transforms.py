@@ -36,7 +36,6 @@ def test_a_rotation_gives_its_roll_pitch_and_yaw_back(rpy):
     np.testing.assert_allclose(rotation_from_rpy(rpy_from_rotation(rotation)), rotation, atol=3e-6)
 
 
-
 @given(ANGLES, st.floats(-6.0, 6.0))
 def test_rotation_about_an_axis_is_the_exponential_map(axis, angle):
     length = np.linalg.norm(axis)

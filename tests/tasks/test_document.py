@@ -124,7 +124,9 @@ def test_what_is_no_plan_is_refused(file, change, words):
     assert caught.value.place == str(file)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff\xfe\x00", b"solid block", b'{"format": 1}', b'{"a":' + b"[" * 10**5])
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b"\xff\xfe\x00", b"solid block", b'{"format": 1}', b'{"a":' + b"[" * 10**5]
+)
 def test_what_is_no_json_is_refused(tmp_path, content):
     (tmp_path / "plan.json").write_bytes(content)
     with pytest.raises(InputError, match="no plan"):
