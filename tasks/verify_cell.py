@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import binascii
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ import trimesh
 
 from ..errors import InputError
 from ..transforms import Array, pose
-from .document import Plan
+from .document import Mesh, Plan
 from .models import read_bytes
 from .quantities import UNITS
 from .task import Task
@@ -28,6 +27,7 @@ from .verify_solids import Solids
 from .verify_task import read_task
 
 _ROUNDING = 1e-9  # m
+_LARGEST_PART, _FARTHEST = 10.0, 1e3  # m; what turns is looked at the more often, the larger it is
 _STATES = 50  # in which links must touch to be taken for joined, where an SRDF says nothing
 
 
@@ -247,24 +247,31 @@ def _meshes(plan: Plan, task: Task, findings: Findings) -> dict[str, trimesh.Tri
     for name in sorted({*boxes, *files} ^ set(plan.meshes)):
         findings.add("mesh", f"there is a mesh or a body {name}, but not both", bodies=[name])
     for name, packed in plan.meshes.items():
-        try:
-            mesh = packed.trimesh()
-            sound = len(mesh.faces) > 0 and np.isfinite(mesh.vertices).all()
-            sound = sound and 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices)
-        except (ValueError, binascii.Error, IndexError):
-            sound = False
-        if not sound:
-            findings.add("mesh", f"the triangles of {name} cannot be read", bodies=[name])
+        mesh = _solid(packed)
+        if mesh is None or (name in task.parts and mesh.extents.max() > _LARGEST_PART):
+            findings.add("mesh", f"the triangles of {name} cannot be read, or are no body of its size", bodies=[name])
             continue
         meshes[name] = mesh
         if name in boxes:
             off = np.abs(mesh.bounds - np.array(boxes[name]) * [[-0.5], [0.5]]).max()
-            if off > _ROUNDING or not np.isclose(mesh.volume, np.prod(boxes[name])):
+            if off > _ROUNDING or not (mesh.is_watertight and np.isclose(mesh.volume, np.prod(boxes[name]))):
                 words = f"the triangles of {name} are not the task's box: a side is {1e3 * off:.3f} mm off"
                 findings.add("mesh", words, bodies=[name])
         if name in files and (unlike := _unlike_its_file(mesh, packed.digest, Path(plan.folder), *files[name])):
             findings.add("mesh", f"{name}: {unlike}", bodies=[name])
     return meshes
+
+
+def _solid(packed: Mesh) -> trimesh.Trimesh | None:
+    """The triangles of a mesh, if they are some, of points that there are, and not all in one plane."""
+    try:
+        mesh = packed.trimesh()
+        sound = np.abs(mesh.vertices).max() < _FARTHEST and 0 <= mesh.faces.min() <= mesh.faces.max() < len(
+            mesh.vertices
+        )
+    except (ValueError, IndexError):
+        return None
+    return mesh if sound and np.linalg.matrix_rank(mesh.vertices - mesh.vertices[0]) == 3 else None
 
 
 def _unlike_its_file(mesh: trimesh.Trimesh, digest: str, folder: Path, name: str, unit: str) -> str:

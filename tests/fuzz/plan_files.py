@@ -36,7 +36,7 @@ _SAME = 1e-6  # m, rad
 # instant of which is verified: one that differs and still is within all limits and free of collision is no damage.
 _BESIDES = re.compile(
     r"\.(version|seed|folder|seconds|task|digests)\b|\.meshes\.\w+\.digest"
-    r"|\.actions\[\d+\]\.(kind|words|goal|motion|grasp\.(contacts|normals|force|approach_opening))"
+    r"|\.actions\[\d+\]\.(kind|part|words|goal|motion|grasp\.(contacts|normals|force|approach_opening))"
 )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import mesh_files
 import numpy as np
 import yaml
-from spoil import NAMES, Rng, one, spoiled_bytes, spoiled_tree, spoiled_xml
+from spoil import NAMES, Rng, one, spoiled_bytes, spoiled_numbers, spoiled_tree, spoiled_xml
 
 from kumitate.robots.library import load_hand
 from kumitate.robots.robot import Robot
@@ -67,9 +67,12 @@ def _check_verifier(robot: Robot, folder: Path, home: str) -> None:
 
 
 def spoiled_text(rng: Rng, suffix: str, text: str) -> bytes:
-    """A file that ends in ``suffix``, spoiled as what it is: bytes, YAML or XML."""
-    if rng.random() < 0.2:
+    """A file that ends in ``suffix``, spoiled as what it is: bytes, numbers, YAML or XML."""
+    way = rng.random()
+    if way < 0.15:
         return spoiled_bytes(rng, text.encode())
+    if way < 0.45:
+        return spoiled_numbers(rng, text.encode(), odd=0.0)
     if suffix.endswith(".yaml"):
         return yaml.safe_dump(spoiled_tree(rng, yaml.safe_load(text))).encode()
     return spoiled_xml(rng, text).encode(errors="replace")

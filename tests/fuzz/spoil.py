@@ -120,12 +120,12 @@ def spoiled_bytes(rng: Rng, data: bytes) -> bytes:
     return one(rng, ways)()
 
 
-def spoiled_numbers(rng: Rng, text: bytes) -> bytes:
-    """``text`` with one to three of its numbers written otherwise."""
+def spoiled_numbers(rng: Rng, text: bytes, odd: float = 0.4) -> bytes:
+    """``text`` with one to three of its numbers written otherwise, a share ``odd`` of them as no other number near."""
     places = list(_NUMBER.finditer(text))
     for _ in range(min(int(rng.integers(1, 4)), len(places))):
         place = one(rng, places)
-        written = one(rng, NUMBERS) if rng.random() < 0.4 else repr(nudged(rng, float(place[0][:30])))
+        written = one(rng, NUMBERS) if rng.random() < odd else repr(nudged(rng, float(place[0][:30])))
         text = text[: place.start()] + written.encode() + text[place.end() :]
         places = list(_NUMBER.finditer(text))
     return text

@@ -53,6 +53,38 @@ def test_meshes_are_those_of_their_files(tmp_path, unit, scale):
     assert "has changed" in fault.words
 
 
+def bent(mesh: trimesh.Trimesh, number: float, rows: slice = slice(0, 1)) -> Mesh:
+    mesh.vertices[rows, 0] = number
+    return Mesh.of(mesh)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        Mesh("", ""),
+        Mesh("AAAA*", ""),
+        bent(trimesh.creation.box([0.03, 0.03, 0.12]), np.nan),
+        bent(trimesh.creation.box([0.03, 0.03, 0.12]), 1e308),
+        bent(trimesh.creation.box([0.03, 0.03, 0.12]), 50.0),
+        bent(trimesh.creation.box([0.03, 0.03, 0.12]), 0.0, slice(None)),
+        Mesh.of(trimesh.Trimesh(np.zeros((1, 3)), [[0, 0, 0]], process=False)),
+        Mesh.of(trimesh.Trimesh(np.eye(3), [[0, 1, 3]], process=False)),
+    ],
+)
+def test_what_is_no_body_is_a_fault_and_nothing_else_is_looked_at(mesh):
+    spoiled = replace(short_plan(), meshes={**short_plan().meshes, "block": mesh})
+    assert [fault.name for fault in verify(spoiled).faults] == ["mesh"]
+
+
+def test_a_box_has_all_its_sides():
+    box = trimesh.creation.box(short_plan().task["cell"][0]["box"])
+    top = np.flatnonzero(box.face_normals[:, 2] > 0.5)
+    box.faces[top[0]] = box.faces[top[1]]  # a hole, and as much volume by the flow along x through what is left
+    assert box.volume == pytest.approx(np.prod(box.extents))
+    (fault,) = mesh_faults(replace(short_plan(), meshes={**short_plan().meshes, "table": Mesh.of(box)}))
+    assert fault.bodies == ("table",)
+
+
 @pytest.mark.parametrize("name", ["nothing.stl", "", "/dev/zero", "a" * 5000, "a\0b"])
 def test_what_is_no_file_is_not_compared(name):
     parts = {"block": {**short_plan().task["parts"]["block"], "mesh": name}}
