@@ -58,8 +58,9 @@ def repair(vertices: Array, faces: Indices) -> Repaired:
             repairs.append(f"{what}: {count}")
 
     given = len(faces)
-    vertices, merged = merge_vertices(vertices)
-    faces = merged[faces]
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices, merged = merge_vertices(vertices[used])
+    faces = merged[faces.reshape(-1, 3)]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     note(given - len(faces), "degenerate faces dropped")
     if len(faces) == 0:

@@ -14,7 +14,7 @@ from ..errors import InputError
 
 LIBRARY = Path(__file__).resolve().parent.parent / "robots" / "library"
 _HAND_FILES = (".yaml", ".yml")
-_LARGEST = 64 * 2**20  # bytes
+_LARGEST, _LARGEST_YAML = 64 * 2**20, 2**19  # bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +120,13 @@ def read_yaml(path: Path) -> dict[Any, Any]:
     """The mapping in a YAML file.
 
     Raises:
-        InputError: The file cannot be read, or has none.
+        InputError: The file cannot be read, is too large, or has none.
     """
     try:
-        content = yaml.safe_load(read_bytes(path))
+        text = read_bytes(path)
+        if len(text) > _LARGEST_YAML:
+            raise InputError(path, f"larger than {_LARGEST_YAML} bytes", "give the YAML file that the task means")
+        content = yaml.safe_load(text)
     except InputError:
         raise
     except Exception as error:  # what reads tagged values raises whatever it meets in them

@@ -266,12 +266,13 @@ def _solid(packed: Mesh) -> trimesh.Trimesh | None:
     """The triangles of a mesh, if they are some, of points that there are, and not all in one plane."""
     try:
         mesh = packed.trimesh()
-        sound = np.abs(mesh.vertices).max() < _FARTHEST and 0 <= mesh.faces.min() <= mesh.faces.max() < len(
-            mesh.vertices
-        )
+        if not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
+            return None
     except (ValueError, IndexError):
         return None
-    return mesh if sound and np.linalg.matrix_rank(mesh.vertices - mesh.vertices[0]) == 3 else None
+    corners = mesh.triangles.reshape(-1, 3)
+    sound = np.abs(corners).max() < _FARTHEST and np.linalg.matrix_rank(corners - corners[0]) == 3
+    return mesh if sound else None
 
 
 def _unlike_its_file(mesh: trimesh.Trimesh, digest: str, folder: Path, name: str, unit: str) -> str:

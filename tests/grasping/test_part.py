@@ -353,6 +353,14 @@ def test_the_papers_objects_bound_volumes(paper_part, name):
     assert not part.warnings
 
 
+def test_vertices_of_no_face_count_for_nothing(box):
+    stray = trimesh.Trimesh(np.vstack([box.vertices, [[1e300, 0.0, 0.0]]]), box.faces[1:], process=False)
+    alone = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
+    with_it, without = (Part.from_mesh(mesh, unit="mm", mass=0.1) for mesh in (stray, alone))
+    assert with_it.digest == without.digest
+    assert with_it.repairs == without.repairs
+
+
 def test_thousands_of_bodies_are_wound_outwards_in_seconds(rng):
     ball = trimesh.creation.icosphere(0, 0.4e-3)
     places = np.stack(np.meshgrid(*3 * [np.arange(14)]), axis=-1).reshape(-1, 1, 3) * 1e-3

@@ -69,11 +69,11 @@ def test_what_is_missing_is_told(own, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["urdf: !!bool x", "urdf: !!timestamp x", "urdf: " + "[" * 5000, "urdf: 2020-13-45", "[]"]
+    "text", ["urdf: !!bool x", "urdf: !!timestamp x", "urdf: " + "[" * 5000, "urdf: 2020-13-45", "[]", "- a\n" * 2**18]
 )
 def test_yaml_that_means_nothing_is_told(own, tmp_path, text):
     (tmp_path / "grippers" / "suction_cup.yaml").write_text(text)
-    with pytest.raises(InputError, match=r"suction_cup\.yaml: no (YAML|mapping)"):
+    with pytest.raises(InputError, match=r"suction_cup\.yaml: (no YAML|no mapping|larger)"):
         model_digests(own, tmp_path)
 
 
