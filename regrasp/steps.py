@@ -13,12 +13,13 @@ from ..grasping.grasps import GraspSet
 from ..robots.grip import plan_grip
 from ..robots.motion import plan_motion
 from ..robots.scene import Scene
-from ..robots.state import SceneState
+from ..robots.state import Contact, SceneState
 from ..robots.straight import LineTolerance, plan_linear
 from ..robots.timing import time_motion
 from ..robots.trajectory import Trajectory
 from ..transforms import Array, invert
-from .reach import Holder, apart, rest_contacts
+from .reach import Holder
+from .rest import apart, rest_contacts
 
 Kind = Literal[
     "transit", "approach", "close", "lift", "transfer", "lower", "open", "retreat", "insert", "press", "withdraw"
@@ -150,13 +151,12 @@ class Motions:
             grasp=holder.row(grasp),
         )
         hand = holder.part_from_flange[grasp] @ holder.arm.flange_from_hand(opening)[0]
-        self.state = self.state.with_contacts([*self.state.contacts, *holder.open_contacts(part, grasp)])
+        pads, early = holder.pads(part, grasp), holder.open_contacts(part, grasp)
+        self.state = self.state.with_contacts([*self.state.contacts, *early])
         self.line(
             arm, self._world_from(part) @ hand, "approach", f"{arm} hand comes to {part}", part, grasp=holder.row(grasp)
         )
-        met = {contact.second for contact in holder.open_contacts(part, grasp)}
-        pads = [contact for contact in holder.pads(part, grasp) if contact.second not in met]
-        self.state = self.state.with_contacts([*self.state.contacts, *pads])
+        self.state = self.state.with_contacts([*self.state.contacts, *([] if early else pads)])
         attach = Event("attach", part, arm, at_end=True)
         self.grip(
             arm,
@@ -177,9 +177,8 @@ class Motions:
         arm, opening = holder.arm.name, float(holder.grasps.approach_opening[grasp])
         detach = Event("detach", part, arm, at_end=False)
         self.grip(arm, opening, "open", f"{arm} hand lets {part} go", part, (detach,), holder.row(grasp))
-        left = {contact.second for contact in holder.open_contacts(part, grasp)}
-        pads = {contact.second for contact in holder.pads(part, grasp)} - left
-        self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in pads)
+        if not holder.open_contacts(part, grasp):
+            self._forget(holder.pads(part, grasp))
 
     def retreat(self, holder: Holder, part: str, grasp: int, distance: float) -> None:
         """Draw the open hand back by ``distance`` [m] from where it held ``part``.
@@ -191,8 +190,8 @@ class Motions:
         hand = self.scene.robot.hand_pose(arm, self.state.q, self.state.openings[arm])
         hand[:3, 3] -= distance * hand[:3, 2]
         self.line(arm, hand, "retreat", f"{arm} hand leaves {part}", part, grasp=holder.row(grasp))
-        if left := {contact.second for contact in holder.open_contacts(part, grasp)}:
-            self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in left)
+        if early := holder.open_contacts(part, grasp):
+            self._forget(early)
 
     def lift(self, holder: Holder, part: str, grasp: int, distance: float) -> None:
         """Lift ``part`` straight off what it rests on, by ``distance`` [m].
@@ -348,6 +347,11 @@ class Motions:
             elif event.part in state.attached and state.attached[event.part].carrier == event.carrier:
                 state = self.scene.detach(state, event.part)
         return state
+
+    def _forget(self, contacts: Sequence[Contact]) -> None:
+        """Take off the contacts of the hand's pieces that are in ``contacts``."""
+        pieces = {contact.second for contact in contacts}
+        self.state = self.state.with_contacts(c for c in self.state.contacts if c.second not in pieces)
 
     def _world_from(self, part: str) -> Array:
         return self.scene.world_from_body(self.state, part)

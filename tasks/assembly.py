@@ -77,8 +77,7 @@ def attach(job: Job, goal: Attach, later: Sequence[Attach]) -> None:
 def in_the_way(job: Job, goal: Attach) -> str:
     """What the parts touch of each other on the straight way, whoever holds them, in words; empty if nothing."""
     to, scene = job.root(goal.to), job.cell.scene
-    arm = next(iter(job.cell.robot.hands))
-    insertion = _fit(job, goal, to, arm, arm).insertion
+    insertion = insertion_of(job, goal)
     # Parts that are joined may touch, but no deeper than the contact tolerance against the way.
     loose = compose(np.eye(3), -scene.contact_tolerance * insertion.way / np.linalg.norm(insertion.way))
     pairs = list(itertools.product(job.whole(to).bodies(), job.whole(goal.part).bodies()))
@@ -181,12 +180,21 @@ def _arms(job: Job, goal: Attach, to: str) -> list[tuple[str, str]]:
     return sorted(open_, key=lambda pair: held is not None and held.arm != pair[1])
 
 
-def _fit(job: Job, goal: Attach, to: str, arm: str, to_arm: str) -> Fit:
-    root_from_to = invert(job.pose(to)) @ job.pose(goal.to)
+def insertion_of(job: Job, goal: Attach) -> Insertion:
+    """How the part of ``goal`` comes to the other, in the frame of what that is assembled to."""
+    root_from_to = invert(job.pose(job.root(goal.to))) @ job.pose(goal.to)
     direction = np.asarray(goal.insert.direction, dtype=float)
     way = root_from_to[:3, :3] @ (goal.insert.distance * direction / np.linalg.norm(direction))
-    insertion = Insertion(root_from_to @ pose(goal.at.xyz, goal.at.rpy), way)
-    return Fit(job.cell.scene, insertion, job.whole(goal.part), job.whole(to), arm, to_arm)
+    return Insertion(root_from_to @ pose(goal.at.xyz, goal.at.rpy), way)
+
+
+def pinned_pose(job: Job, goal: Attach, where: At) -> Array:
+    """Pose (4, 4) of what the other part of ``goal`` is assembled to, with that part at ``where``."""
+    return np.asarray(pose(where.xyz, where.rpy) @ invert(job.pose(goal.to)) @ job.pose(job.root(goal.to)))
+
+
+def _fit(job: Job, goal: Attach, to: str, arm: str, to_arm: str) -> Fit:
+    return Fit(job.cell.scene, insertion_of(job, goal), job.whole(goal.part), job.whole(to), arm, to_arm)
 
 
 def _wanted(graph: RegraspGraph, arm: str, direct: bool) -> Mask:
@@ -209,13 +217,13 @@ def _poses(job: Job, goal: Attach, to: str) -> list[Array]:
     Those come last at which the other part is pushed upward: it would hang on what it was pushed onto.
     """
     if goal.where is not None:
-        return [pose(goal.where.xyz, goal.where.rpy)]
+        return [pinned_pose(job, goal, goal.where)]
     held = [job.pose(to)] if job.held(to) is not None else []
     middle = (job.pose(to)[:3, 3] + job.pose(goal.part)[:3, 3]) / 2.0
     rng = np.random.default_rng([job.seed, len(job.motions.steps)])
     nodes = sample_handovers(job.cell.robot, list(job.cell.robot.hands), middle, [job.pose(to)[:3, :3]], rng)
-    push = invert(job.pose(to))[:3, :3] @ job.pose(goal.to)[:3, :3] @ np.asarray(goal.insert.direction, dtype=float)
-    push /= np.linalg.norm(push)
+    way = insertion_of(job, goal).way
+    push = way / np.linalg.norm(way)
     poses = [*held, *(node.world_from_part for node in nodes[:_MOST_POSES])]
     return sorted(poses, key=lambda world_from_to: bool(world_from_to[2, :3] @ push > _UPWARD))
 

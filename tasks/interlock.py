@@ -37,11 +37,9 @@ class LockedPairs(HandoverPairs):
         """Which of the taker's grasps (k,) face one of the giver's."""
         return np.asarray(self._faced >= 0)
 
-    def clear(self, given: npt.NDArray[np.intp], taken: npt.NDArray[np.intp]) -> Mask:
-        """Which of the grasps ``given`` (g,) and ``taken`` (t,) go together (g, t)."""
-        locked = np.asarray(given[:, None] == self._faced[taken])
-        for i, j in np.argwhere(locked):
-            locked[i, j] = super().clear(given[[i]], taken[[j]])[0, 0]
+    def _look(self, pairs: npt.NDArray[np.intp]) -> Mask:
+        locked = np.asarray(pairs[:, 0] == self._faced[pairs[:, 1]])
+        locked[locked] = super()._look(pairs[locked])
         return locked
 
 

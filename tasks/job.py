@@ -15,7 +15,8 @@ from ..regrasp.clearance import Mask, hands_hit
 from ..regrasp.graph import MOST_REGRASPS, Goal, Held, RegraspGraph
 from ..regrasp.nodes import between
 from ..regrasp.planner import Link, bring
-from ..regrasp.reach import Holder, Node, Reacher, root_of
+from ..regrasp.reach import Holder, Node, Reacher
+from ..regrasp.rest import root_of
 from ..regrasp.steps import Motions
 from ..robots.state import Body, SceneState
 from ..transforms import Array, invert, pose

@@ -119,10 +119,7 @@ def _places(job: Job, goal: Place) -> list[Node]:
 
 def _reached(reacher: Reacher, nodes: Sequence[Node], arms: Sequence[str]) -> bool:
     """Whether some well-spread grasp of one of ``arms`` works at one of ``nodes``."""
-    for node, arm in itertools.product(nodes, arms):
-        grasps = reacher.holders[arm].grasps
-        mask = np.zeros(len(grasps), dtype=bool)
-        mask[grasps.spread(_LOOKED)] = True
-        if len(reacher.reach(node, arm, mask).grasp):
-            return True
-    return False
+    masks = {arm: np.zeros(len(reacher.holders[arm].grasps), dtype=bool) for arm in arms}
+    for arm, mask in masks.items():
+        mask[reacher.holders[arm].grasps.spread(_LOOKED)] = True
+    return any(len(reacher.reach(node, arm, masks[arm]).grasp) for node, arm in itertools.product(nodes, arms))

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..errors import InputError, NoRegraspError, PlanningError
 from ..regrasp.diagnosis import Cause, Diagnosis, decisive, diagnose, roots
 from ..regrasp.reach import Node, Reacher
@@ -16,8 +14,8 @@ from ..regrasp.report import Count
 from ..regrasp.steps import Attempt
 from ..robots.scene import Scene
 from ..robots.state import SceneState
-from ..transforms import Array, compose, invert, pose
-from .assembly import NoMeetingError, in_the_way, ways_left
+from ..transforms import Array, invert
+from .assembly import NoMeetingError, in_the_way, insertion_of, pinned_pose, ways_left
 from .job import Job
 from .targets import hold_nodes, place_nodes
 from .task import At, Attach, Goal
@@ -170,22 +168,19 @@ def _joined_at(
     job: Job, goal: Attach, where: At, arms: Sequence[str]
 ) -> Iterator[tuple[str, Sequence[Node], Sequence[str]]]:
     """Where two parts must be held, before the straight way, to be joined at the pose ``where`` of the other."""
-    direction = np.asarray(goal.insert.direction, dtype=float)
-    way = goal.insert.distance * direction / np.linalg.norm(direction)
-    world_from_to = pose(where.xyz, where.rpy)
-    before = world_from_to @ compose(np.eye(3), -way) @ pose(goal.at.xyz, goal.at.rpy)
-    for name, at, arm in ((goal.to, world_from_to, goal.to_arm), (goal.part, before, goal.arm)):
-        root = job.root(name)
-        there = at @ invert(job.pose(name)) @ job.pose(root)
+    world_from_to = pinned_pose(job, goal, where)
+    before = world_from_to @ insertion_of(job, goal).before()
+    for root, there, arm in (
+        (job.root(goal.to), world_from_to, goal.to_arm),
+        (job.root(goal.part), before @ invert(job.pose(goal.part)) @ job.pose(job.root(goal.part)), goal.arm),
+    ):
         if job.held(root) is None:
             yield root, [Node(f"{root} at its goal", there, None, to_leave=False)], _pinned(arm, arms)
 
 
 def _parts(goal: Goal) -> list[str]:
     """The parts that ``goal`` moves, the one it is about first."""
-    entry = goal.attach or goal.place or goal.hand_over or goal.use
-    assert entry is not None
-    return [entry.part, *([goal.attach.to] if goal.attach is not None else [])]
+    return [goal.asked.part, *([goal.attach.to] if goal.attach is not None else [])]
 
 
 def _pinned(arm: str | None, arms: Sequence[str]) -> Sequence[str]:

@@ -99,10 +99,10 @@ def _nearer(task: Task, cell: Cell, part: str) -> Iterator[Change]:
     at = _moved(cell, entry.at)
     yield f"with {part} {1e2 * _NEARER:g} cm nearer ({_xyz(at)})", _with_part(task, part, at)
     for i, goal in enumerate(task.goals):
-        kind = next(name for name in goal.__struct_fields__ if getattr(goal, name) is not None)
-        wanted = getattr(goal, kind)
-        if kind in ("place", "hand_over") and wanted.part == part and wanted.at is not None:
+        wanted = goal.place or goal.hand_over
+        if wanted is not None and wanted.part == part and wanted.at is not None:
             at = _moved(cell, wanted.at)
+            kind = "place" if goal.place is not None else "hand_over"
             changed = _replace(goal, **{kind: _replace(wanted, at=at)})
             goals = (*task.goals[:i], changed, *task.goals[i + 1 :])
             yield f"with goal {i + 1} {1e2 * _NEARER:g} cm nearer ({_xyz(at)})", _replace(task, goals=goals)
@@ -155,11 +155,9 @@ def _wider(task: Task) -> Iterator[Change]:
 def _named_parts(task: Task) -> dict[str, None]:
     """The parts that goals speak of, in their order."""
     parts: dict[str, None] = {}
-    for goal in task.goals:
-        for entry in (goal.attach, goal.place, goal.hand_over, goal.use):
-            if entry is not None:
-                names = (entry.part, getattr(entry, "to", None), getattr(entry, "of", None))
-                parts.update(dict.fromkeys(name for name in names if name in task.parts))
+    for asked in (goal.asked for goal in task.goals):
+        names = (asked.part, getattr(asked, "to", None), getattr(asked, "of", None))
+        parts.update(dict.fromkeys(name for name in names if name in task.parts))
     return parts
 
 

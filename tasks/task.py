@@ -273,6 +273,13 @@ class Goal(Record, frozen=True):
     hand_over: HandOver | None = None
     use: Use | None = None
 
+    @property
+    def asked(self) -> Attach | Place | HandOver | Use:
+        """The one goal that is given."""
+        one = self.attach or self.place or self.hand_over or self.use
+        assert one is not None
+        return one
+
 
 class Task(Record, frozen=True):
     """A whole task.

@@ -51,16 +51,13 @@ def use(job: Job, goal: Use) -> None:
     why: Counter[str] = Counter()
     failures: list[str] = []
     graph = job.graph(part, [])
+    allowed = any_grasp(graph, goal.arm)
+    goals = [Goal(stroke.before, allowed) for stroke in strokes]
     for most_regrasps in (0, MOST_REGRASPS):
-        goals = []
-        for stroke in strokes:
-            allowed = {}
-            for arm, mask in any_grasp(graph, goal.arm).items():
-                wanted = graph.leaving_start(arm, mask) if most_regrasps == 0 else mask
-                ways = _ways(graph, stroke, arm, wanted, why)
-                graph.reacher.admit(stroke.before, arm, ways)
-                allowed[arm] = mask
-            goals.append(Goal(stroke.before, allowed))
+        for arm, mask in allowed.items():
+            wanted = graph.leaving_start(arm, mask) if most_regrasps == 0 else mask
+            for stroke in strokes:
+                graph.reacher.admit(stroke.before, arm, _ways(graph, stroke, arm, wanted, why))
         if _stroke_one(job, part, strokes, graph, goals, most_regrasps, failures):
             return
     causes = ", ".join(f"{count} {cause}" for cause, count in why.most_common(_MOST_CAUSES) if count)
@@ -112,7 +109,7 @@ def _stroke_one(
     part: str,
     strokes: Sequence[_Stroke],
     graph: RegraspGraph,
-    goals: list[Goal],
+    goals: Sequence[Goal],
     most_regrasps: int,
     failures: list[str],
 ) -> bool:

@@ -75,7 +75,7 @@ def area(draw: Draw) -> Task:
 
 def two(draw: Draw) -> Task:
     parts = {"block": draw.entry("block"), "ring": draw.entry("ring")}
-    goals = [Goal(place=Place(part, draw.at(part), any_turn=None)) for part in parts]
+    goals = [Goal(place=Place(part, draw.at(part))) for part in parts]
     return draw.task(parts, goals, order="free")
 
 
