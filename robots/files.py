@@ -24,7 +24,8 @@ class _PlainLoader(yaml.SafeLoader):
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None) is not None:
             raise yaml.MarkedYAMLError(problem="it uses an alias or a tag", problem_mark=event.start_mark)
-        getattr(event, "value", "").encode()  # a ValueError where an escape stands for half a character
+        if re.search("[\ud800-\udfff]", getattr(event, "value", "")):
+            raise yaml.MarkedYAMLError(problem="an escape stands for half a character", problem_mark=event.start_mark)
         return super().compose_node(parent, index)
 
 

@@ -134,7 +134,7 @@ class Hand:
     lip: Lip | None
     pieces: tuple[Link, ...]
     joint_names: tuple[str, ...]
-    _linkage: _Linkage
+    mechanism: Linkage
     _base_from_lip: Array
 
     @classmethod
@@ -159,7 +159,7 @@ class Hand:
             raise InputError(urdf.path, "no link has a collision shape", "give the links <collision> elements")
         if len(spec.pads) != fingers:
             raise InputError(f"{path}: pads", f"{len(spec.pads)} pads for kind {spec.kind}", f"give {fingers}")
-        linkage = _Linkage.of(urdf, spec.driver, path)
+        linkage = Linkage.of(urdf, spec.driver, path)
         lip = None
         if spec.lip is not None and spec.vacuum_force is not None:
             lip = Lip(spec.lip.radius, spec.lip.compliance, spec.vacuum_force)
@@ -175,7 +175,7 @@ class Hand:
             lip=lip,
             pieces=_pieces(urdf),
             joint_names=tuple(urdf.model.names)[1:],
-            _linkage=linkage,
+            mechanism=linkage,
             _base_from_lip=_frame(urdf, spec.lip.link, path)[1] if spec.lip else np.eye(4),
         )
         hand._check_stroke(path)
@@ -197,7 +197,7 @@ class Hand:
             cure = f"choose one between {low:g} and {high:g} m"
             raise InputError(f"hand {self.name}", f"opening {wrong:g} m is outside the stroke", cure)
         values, reached = self._opening_table
-        return self._linkage.joints(np.interp(openings, reached, values))
+        return self.mechanism.joints(np.interp(openings, reached, values))
 
     def base_from_hand(self, openings: npt.ArrayLike) -> Array:
         """Pose (n, 4, 4) of the hand frame in the frame of the hand's base at ``openings`` (n,) [m]."""
@@ -208,7 +208,7 @@ class Hand:
 
     def base_from_piece(self, openings: npt.ArrayLike) -> Array:
         """Poses (n, pieces, 4, 4) of the pieces in the frame of the hand's base at ``openings`` (n,) [m]."""
-        joints = self._linkage.forward(self.joint_positions(openings))
+        joints = self.mechanism.forward(self.joint_positions(openings))
         return joints[:, [piece.joint for piece in self.pieces]]
 
     def hand_from_piece(self, openings: npt.ArrayLike) -> Array:
@@ -222,11 +222,11 @@ class Hand:
     @cached_property
     def _opening_table(self) -> tuple[Array, Array]:
         """Positions of the driving joint and the openings they give, by rising opening."""
-        values = np.linspace(self._linkage.closed, self._linkage.open, _TABLE_SIZE)
-        return values, self._grasp(self._linkage.joints(values))[0]
+        values = np.linspace(self.mechanism.closed, self.mechanism.open, _TABLE_SIZE)
+        return values, self._grasp(self.mechanism.joints(values))[0]
 
     def _pads(self, joints: Array) -> Array:
-        poses = self._linkage.forward(joints)
+        poses = self.mechanism.forward(joints)
         return np.stack([poses[:, pad.joint] @ pad.joint_from_pad for pad in self.pads], axis=1)
 
     def _grasp(self, joints: Array) -> tuple[Array, Array, Array, Array]:
@@ -262,7 +262,7 @@ class Hand:
 
 
 @dataclass(frozen=True, eq=False)
-class _Linkage:
+class Linkage:
     """Forward kinematics of the fingers over arrays; every joint is ``factor * driver + offset``."""
 
     parents: tuple[int, ...]
@@ -274,8 +274,13 @@ class _Linkage:
     open: float
     closed: float
 
+    @property
+    def leader(self) -> int:
+        """Index of a joint that moves as the driver does."""
+        return int(np.flatnonzero((self.factors == 1.0) & (self.offsets == 0.0))[0])
+
     @classmethod
-    def of(cls, urdf: Urdf, driver: DriverFile | None, path: Path) -> _Linkage:
+    def of(cls, urdf: Urdf, driver: DriverFile | None, path: Path) -> Linkage:
         model = urdf.model
         names = list(model.names)[1:]
         if model.nq != len(names):

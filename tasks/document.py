@@ -142,7 +142,7 @@ class Action(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         start: Where everything is at its start: the end of the action before.
         motion: The motion.
         events: Takings and lettings go, by time.
-        grasp: How the (first) arm's hand holds or will hold the part, if it does.
+        grasp: How that one of the arms which takes, holds or leaves the part holds it, if one does.
         goal: Number, from 0, of the task's goal that it works for; none for the way home.
         end: Where everything is at its end.
     """

@@ -20,15 +20,25 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def say(line: str) -> None:
-    """Print a line of the answer."""
-    sys.stdout.write(line + "\n")
+    """Print a line of the answer; characters that the terminal does not have are written as escapes."""
+    encoding = sys.stdout.encoding or "utf-8"
+    sys.stdout.write(line.encode(encoding, "backslashreplace").decode(encoding) + "\n")
 
 
 def say_json(answer: Any) -> None:
     """Print an answer for programs; numbers that are not finite become null."""
     import msgspec
 
-    say(msgspec.json.format(msgspec.json.encode(answer)).decode())
+    say(msgspec.json.format(msgspec.json.encode(_text(msgspec.to_builtins(answer)))).decode())
+
+
+def _text(answer: Any) -> Any:
+    """``answer`` with names that are no text, such as those of files that are no UTF-8, written with escapes."""
+    if isinstance(answer, str):
+        return answer.encode(errors="backslashreplace").decode()
+    if isinstance(answer, dict):
+        return {_text(key): _text(value) for key, value in answer.items()}
+    return [_text(entry) for entry in answer] if isinstance(answer, list | tuple) else answer
 
 
 def say_error(error: KumitateError, *, as_json: bool) -> None:

@@ -23,6 +23,8 @@ _LARGEST = 2**18  # characters
 _PLAIN = {"Expected ": "expected ", "Invalid enum value": "there is no", "object": "mapping", "array": "list", "`": ""}
 # A step in the paths that msgspec writes, such as $.goals[0].attach and $.parts[...].mesh.
 _STEP = re.compile(r"\[(\d+|\.\.\.)\]|\.([^.\[`]+)")
+# Half a character: what an escape may stand for, and bytes in names of files that are no UTF-8; no file can hold it.
+_HALF = re.compile("[\ud800-\udfff]")
 
 
 def read_task(path: str | Path) -> Task:
@@ -33,6 +35,10 @@ def read_task(path: str | Path) -> Task:
     """
     path = Path(path)
     root, data = _parsed(path)
+    if _HALF.search(str(path.parent.resolve())):
+        raise InputError(
+            path, "the name of its folder is no UTF-8, and a plan must tell it", "name the folder otherwise"
+        )
 
     def place(keys: Keys) -> str:
         return f"{path}:{_line(root, keys)}: {_field(keys)}"
@@ -100,6 +106,8 @@ class _Loader(yaml.SafeLoader):
             raise _yaml_error(event.start_mark, f"it uses a YAML alias (*{event.anchor})", "write the values out")
         if getattr(event, "tag", None) is not None:
             raise _yaml_error(event.start_mark, f"it uses a YAML tag ({event.tag})", "write the plain value")
+        if _HALF.search(getattr(event, "value", "")):
+            raise _yaml_error(event.start_mark, "an escape stands for half a character", "write the character itself")
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -23,7 +23,7 @@ FAULTS = {
     "finger-speed": "A finger is faster than its limit times the task's speed.",
     "kind": "Hands take or let go, or parts are joined, in an action of another kind; or joints move while hands do.",
     "carrier": "A carrier takes what it holds already or cannot hold, or lets go what it does not hold.",
-    "grasp": "A hand takes a part otherwise than the action's grasp says.",
+    "grasp": "A hand takes a part otherwise than the action's grasp says, or the grasp is none of the action's hands.",
     "pads": "A hand takes a part, but its pads or its lip do not lie on the part.",
     "no-touch": "A hand that takes a part reaches into a region of it that no hand may touch.",
     "grip": "The opening of a hand changes while it holds something.",

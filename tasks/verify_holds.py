@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..transforms import Array, invert, pose, pose_distance, transform_points
-from .document import Action, Event, Plan, State
+from .document import Action, Event, GraspUse, Plan, State
 from .verify_cell import Cell
 from .verify_faults import Findings
 from .verify_motion import SAME, Curve
@@ -114,7 +115,31 @@ def follow(plan: Plan, cell: Cell, curves: list[Curve], findings: Findings) -> t
         _check_state(action.end, now, cell, curve, i, findings)
     for stretch in stretches:
         _check_grips(stretch, cell, curves[stretch.action], findings)
+    _check_grasps(plan, cell, findings)
     return stretches, ends
+
+
+def _check_grasps(plan: Plan, cell: Cell, findings: Findings) -> None:
+    """An action that names a grasp names that by which one of its hands took a part last, or takes one next."""
+    takes = dict[str, list[int]]({arm: [] for arm in cell.machine.arms})
+    for i, action in enumerate(plan.actions):
+        for arm in {event.carrier for event in action.events if event.kind == "attach"} & takes.keys():
+            takes[arm].append(i)
+    for i, action in enumerate(plan.actions):
+        near: list[int] = []
+        for arm in action.arms:
+            last, following = bisect_right(takes[arm], i) - 1, bisect_left(takes[arm], i)
+            near += takes[arm][max(last, 0) : following + 1]
+        if action.grasp is not None and not any(_alike(action.grasp, plan.actions[k].grasp) for k in near):
+            hands = " and ".join(action.arms)
+            findings.add("grasp", f"{hands} neither took a part by this grasp nor take one so next", action=i)
+
+
+def _alike(one: GraspUse, other: GraspUse | None) -> bool:
+    if other is None:
+        return False
+    apart = np.abs(np.array(one.part_from_hand) - np.array(other.part_from_hand)).max()
+    return max(float(apart), abs(one.opening - other.opening)) <= SAME
 
 
 def _check_grips(stretch: Stretch, cell: Cell, curve: Curve, findings: Findings) -> None:

@@ -84,16 +84,19 @@ class Curve:
         after, before = self.times[:-1, None] + _INSTANT, self.times[1:, None] - _INSTANT
         return np.unique(self.stops[(self.stops > after) & (self.stops < before)])
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def peaks(self) -> tuple[tuple[Array, Array], ...]:
-        """Extremes of the curve, exact: lowest, highest, fastest, hardest; each as values (n,) and times (n,)."""
+        """Extremes of the curve, exact: lowest, highest, fastest, hardest; each as values (n,) and times (n,).
+
+        Where numbers are too large to reckon with, they come out infinite or as no numbers.
+        """
         span, first, jerk = self._pieces
         ends = np.broadcast_to(self.times[:, None], self.values.shape)
         begin = self.times[:-1, None]
         into = self.stops - begin
         turns = self.values[:-1] + into * (self.rates[:-1] + into * (first / 2.0 + into * jerk / 6.0))
         values, when = np.vstack([self.values, *turns]), np.vstack([ends, *self.stops])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bend = -first / jerk  # where the rate turns
+        bend = -first / jerk  # where the rate turns
         bend = np.clip(np.where(np.isfinite(bend), bend, 0.0), 0.0, span)
         rates = np.vstack([self.rates, self.rates[:-1] + bend * (first + 0.5 * bend * jerk)])
         accelerations = np.vstack([np.zeros((1, self.values.shape[1])), first, first + span * jerk])
@@ -211,7 +214,7 @@ def _check_limits(curve: Curve, cell: Cell, i: int, findings: Findings) -> None:
         for name, mask in zip(names, (~finger, finger), strict=True):
             over = np.where(mask, excess, -np.inf)
             worst = int(over.argmax())
-            if over[worst] > 0.0:
+            if not over[worst] <= 0.0:  # what is no number is beyond every limit
                 words = f"{cell.columns[worst]} is {over[worst]:.6g} beyond its limit"
                 bodies = [cell.columns[worst]]
                 findings.add(name, words, action=i, time=float(when[worst]), bodies=bodies)

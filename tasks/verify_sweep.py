@@ -60,7 +60,8 @@ class Sweeper:
     def look(self, stretch: Stretch, curve: Curve) -> None:
         """Look for bodies that touch in a stretch; not where joints or hands go astray, far out of their ranges."""
         (lowest, _), (highest, _), *_ = curve.peaks()
-        if np.maximum(self.cell.limits[0] - lowest, highest - self.cell.limits[1]).max() > _ASTRAY:
+        beyond = np.maximum(self.cell.limits[0] - lowest, highest - self.cell.limits[1])
+        if not beyond.max(initial=0.0) <= _ASTRAY:  # also where numbers are too large to reckon with
             return
         ends = self.cell.poses(curve.at(np.array([stretch.start, stretch.end])), stretch.poses)
         groups = self.cell.groups(curve.moving(stretch.start, stretch.end), stretch.carriers)

@@ -103,7 +103,8 @@ def _diagonal(part: Part) -> float:
 
 def _table(record: tuple[Stage, ...]) -> str:
     rows = "".join(
-        f"<tr><td>{stage.name}</td><td>{stage.taken}</td><td>{stage.kept}</td><td>{stage.seconds * 1e3:.0f}</td>"
+        f"<tr><td>{html.escape(stage.name)}</td><td>{stage.taken}</td><td>{stage.kept}</td>"
+        f"<td>{stage.seconds * 1e3:.0f}</td>"
         f"<td>{html.escape(', '.join(f'{n} {reason}' for reason, n in stage.dropped.items() if n))}</td></tr>"
         for stage in record
     )

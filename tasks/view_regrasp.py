@@ -70,7 +70,8 @@ def write_regrasp_picture(path: str | Path, part: Part, placements: Placements, 
     axes = figure.add_axes((0.0, 0.0, 1.0, 0.95))
     axes.set(xlim=(-1.37, 1.37), ylim=(-1.37, 1.23))
     axes.axis("off")
-    figure.suptitle(title, color=_INK)
+    shown = "".join(letter if letter.isprintable() else "?" for letter in title)  # as names of files may not be
+    figure.suptitle(shown, color=_INK, parse_math=False)
     count = max(len(graph), 2)
     turns = (pi / 2.0 - 2.0 * pi * i / count for i in range(count))
     at = dict(zip(graph, ((cos(turn), sin(turn)) for turn in turns), strict=False))

@@ -25,7 +25,7 @@ RUN = Path(__file__).with_name("run.py")
 COUNT = 50  # of each kind
 
 
-KINDS = ["meshes", "robots", "hands", "grasps", "tasks"]
+KINDS = ["meshes", "robots", "hands", "grasps", "plans", "tasks"]
 
 
 def test_what_is_damaged_is_refused_and_harms_nothing(tmp_path):

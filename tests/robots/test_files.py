@@ -41,7 +41,7 @@ def test_errors_name_line_and_field(tmp_path, text, line, field):
 @pytest.mark.parametrize(
     "text",
     [
-        *("a: [", "a: 2020-13-45", "? [a]\n: 1", r'a: "\ud800"', "\x00"),
+        *("a: [", "a: 2020-13-45", "? [a]\n: 1", "\x00"),
         *("a: 1" + "0" * 5000, "a: " + "[" * 5000, "a: " + "[" * 100_000),
     ],
 )
@@ -58,6 +58,12 @@ def test_what_is_no_yaml_is_refused(tmp_path, text):
 def test_aliases_and_tags_are_refused_with_their_line(tmp_path, value):
     (tmp_path / "box.yaml").write_text(f"name: x\nitems: {value}\n")
     with pytest.raises(InputError, match=r"box\.yaml:2: no valid YAML \(it uses an alias or a tag"):
+        read_yaml(tmp_path / "box.yaml", Box)
+
+
+def test_half_a_character_is_refused_with_its_line(tmp_path):
+    (tmp_path / "box.yaml").write_text('name: x\nitems: ["\\ud800"]\n')
+    with pytest.raises(InputError, match=r"box\.yaml:2: no valid YAML \(an escape stands for half a character"):
         read_yaml(tmp_path / "box.yaml", Box)
 
 

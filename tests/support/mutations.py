@@ -237,6 +237,15 @@ def a_joint_beyond_its_limit(plan: Plan) -> Plan:
     return with_motion(plan, i, **_fields(faster(detour(motion, q), 0.2)))
 
 
+def a_joint_beyond_all_numbers(plan: Plan) -> Plan:
+    """So far that it cannot be reckoned with: differences overflow."""
+    i = kinds(plan, "transit")[0]
+    motion = plan.actions[i].motion
+    row = list(motion.positions[1])
+    row[int(np.argmax(np.ptp(np.array(motion.positions), axis=0)))] = 1e308
+    return with_sample(plan, i, 1, positions=row)
+
+
 def too_fast(plan: Plan) -> Plan:
     i = kinds(plan, "transfer")[0]
     return with_motion(plan, i, **_fields(faster(plan.actions[i].motion, 4.0)))
@@ -312,6 +321,13 @@ def another_grasp(plan: Plan) -> Plan:
     grasp = plan.actions[i].grasp
     turned = matrix(np.array(grasp.part_from_hand) @ pose(rpy=[0.0, 0.02, 0.0]))
     return with_action(plan, i, grasp=replace(grasp, part_from_hand=turned))
+
+
+def another_grasp_on_the_way(plan: Plan) -> Plan:
+    i = kinds(plan, "transfer")[0]
+    grasp = plan.actions[i].grasp
+    aside = matrix(pose([0.0, 0.0, 0.01]) @ grasp.part_from_hand)
+    return with_action(plan, i, grasp=replace(grasp, part_from_hand=aside))
 
 
 def no_grasp(plan: Plan) -> Plan:
@@ -673,6 +689,7 @@ ANYWHERE: dict[Mutation, str] = {
     a_flying_start: "standstill",
     an_idle_joint_moves: "idle",
     a_joint_beyond_its_limit: "position",
+    a_joint_beyond_all_numbers: "position",
     too_fast: "velocity",
     too_hard: "acceleration",
     fingers_too_fast: "finger-speed",
@@ -681,6 +698,7 @@ ANYWHERE: dict[Mutation, str] = {
     an_opening_wider_than_the_part: "pads",
     a_loose_grip: "pads",
     another_grasp: "grasp",
+    another_grasp_on_the_way: "grasp",
     no_grasp: "grasp",
     taken_twice: "carrier",
     let_go_before_it_is_taken: "carrier",

@@ -129,6 +129,20 @@ def test_json_has_null_where_a_number_is_not_finite(capsys):
     assert json.loads(capsys.readouterr().out) == {"clearance": None, "seconds": 1.5}
 
 
+@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", r"\udcff 組"), ("latin-1", r"\udcff \u7d44")])
+def test_names_that_are_no_text_are_told_with_escapes(monkeypatch, encoding, shown):
+    name, written = os.fsdecode("\udcff 組".encode(errors="surrogateescape")), io.BytesIO()
+    monkeypatch.setattr(output.sys, "stdout", io.TextIOWrapper(written, encoding=encoding, write_through=True))
+    output.say(name)
+    assert written.getvalue().decode(encoding) == shown + "\n"
+
+
+def test_json_has_names_that_are_no_text_with_escapes(capsys):
+    name, shown = os.fsdecode(b"\xff.yaml"), r"\udcff.yaml"
+    say_json({name: [name, {"plan": name}], "number": 1})
+    assert json.loads(capsys.readouterr().out) == {shown: [shown, {"plan": shown}], "number": 1}
+
+
 def test_errors_are_told_to_programs_too(capsys):
     error = PlanningError("no way")
     say_error(error, as_json=True)
@@ -161,7 +175,9 @@ def test_progress_redraws_one_line_of_a_terminal_and_clears_it(monkeypatch):
             progress("thinking")
             progress("x" * 500)
         terminal.flush()
-        shown = os.read(master, 10_000).decode()
+        shown = ""
+        while shown.count("\r\x1b[K") < 3:  # it may come in pieces
+            shown += os.read(master, 10_000).decode()
     os.close(master)
     lines = shown.split("\r\x1b[K")
     assert lines[0] == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from math import pi, radians
 from pathlib import Path
@@ -267,6 +268,8 @@ MISTAKES = [  # what is replaced in the text, by what, and what the message says
     ("any_turn: [0, 0, 1]}", "any_turn: [0, 0, .nan]}", ":33: goals[7].use.any_turn: ", "no direction"),
     ("left: robotiq_2f85", "left: {hnd: x}", ":3: hands.left.hnd: ", "did you mean 'hand'"),
     ("left: robotiq_2f85", "left: 5", ":3: hands.left: ", "got int"),
+    ("left: robotiq_2f85", r'left: "\ud800"', ":3: ", "half a character; write the character itself"),
+    ("  wheel:", r'  "wh\ud83d\ude00":', ":10: ", "half a character; write the character itself"),
     ("left: robotiq_2f85", "left: own.yaml", ":3: hands.left: ", "own.yaml; check the path"),
     ("hand: robotiq_2f85", "hand: ../../own.yaml", ":4: hands.right.hand: ", "at most one folder up"),
     ("robot: nextage", "robot: {urdf: /my.urdf, srdf: my.srdf}", ":1: robot.urdf: ", "relative to the task file"),
@@ -297,6 +300,17 @@ def test_what_is_no_task_is_told_with_the_file(task_file, text):
         read_task(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_a_folder_whose_name_no_plan_can_tell_is_refused(tmp_path):
+    folder = tmp_path / os.fsdecode(b"\xff")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("no such names here")
+    (folder / "task.yaml").write_text("robot: nextage")
+    with pytest.raises(InputError, match="no UTF-8"):
+        read_task(folder / "task.yaml")
 
 
 def test_words_that_yaml_once_took_for_truth_values_are_names(task_file):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import pytest
 import trimesh
@@ -10,6 +11,7 @@ import trimesh
 from kumitate.grasping.parameters import GraspParameters
 from kumitate.grasping.part import Part
 from kumitate.grasping.planner import plan_grasps
+from kumitate.grasping.record import Stage
 from kumitate.robots.library import load_hand
 from kumitate.tasks.view_grasps import write_grasp_page
 
@@ -21,15 +23,19 @@ FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
 def page_file(tmp_path_factory):
     part = Part.from_mesh(trimesh.creation.box([0.04, 0.03, 0.02]), mass=0.05, name="block <b>")
     hand = load_hand("robotiq_2f85")
+    grasps = plan_grasps(part, hand)
+    foreign = Stage("stage <b>", 2, 1, {"reason <b>": 1})  # as a file that somebody else wrote may have it
     path = tmp_path_factory.mktemp("page") / "block.html"
-    write_grasp_page(path, part, hand, GraspParameters(), plan_grasps(part, hand))
+    write_grasp_page(path, part, hand, GraspParameters(), replace(grasps, record=(*grasps.record, foreign)))
     return path
 
 
 def test_the_page_needs_nothing_else_and_escapes_names(page_file):
     text = page_file.read_text(encoding="utf-8")
     assert "block &lt;b&gt; grasped by robotiq_2f85" in text
-    assert "block <b>" not in text
+    assert "<td>stage &lt;b&gt;</td>" in text
+    assert "1 reason &lt;b&gt;" in text
+    assert "<b>" not in text[: text.index("<script>")]
     assert text.count("data-path=") >= 6
     assert len(text) < 5e6
 

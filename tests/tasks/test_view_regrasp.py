@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 import trimesh
@@ -95,6 +97,14 @@ def test_the_picture_is_drawn(block, works, tmp_path, suffix):
         assert blue[row - 40 : row + 40, column - 40 : column + 40].mean() > 0.2
     for corner in (pixels[:60, :60], pixels[:60, -60:], pixels[-60:, :60], pixels[-60:, -60:]):
         assert corner.min() == 1.0
+
+
+@pytest.mark.parametrize("name", [r"a$\frac{$", "\udcff.stl", "a\0\nb", "<b>-->"])
+def test_any_name_may_be_in_the_title(tmp_path, block, name):
+    """Neither a formula, nor what no file can hold."""
+    placements, path = find_placements(block), tmp_path / "graph.svg"
+    write_regrasp_picture(path, block, placements, shared_graph(np.ones((len(placements), 1), dtype=bool)), name)
+    assert ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
 def test_a_part_without_placements_is_an_empty_picture(tmp_path, hand):
