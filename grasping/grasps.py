@@ -32,8 +32,8 @@ class GraspSet:
         hand: Name of the hand.
         part_from_hand: (n, 4, 4) poses of the hand frame at ``opening``.
         opening: (n,) opening at which the pads stand on the part [m]; 0 for a suction cup.
-        approach_opening: (n,) fully open, or the widest opening tried that clears the part with the base where it
-            grasps [m].
+        approach_opening: (n,) how wide the fingers open with the base where it grasps until the part is in the way;
+            fully, for most [m].
         contacts: (n, k, 3) contact points [m]: the single finger's, then the other side's; one for a cup.
         normals: (n, k, 3) outward unit normals of the surface at the contacts.
         facets: (n, k) facets the contacts belong to.

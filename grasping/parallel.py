@@ -24,7 +24,7 @@ from .touch import first_touch
 _ALONG = 0.95  # cosine from which an axis counts as along another
 TOUCHING = ("hand clear of the part", "hand touches the part")  # why the check drops a hand
 FLUSH = 1e-6  # m; what rises less than this above a contact does not hold a pad off
-_NARROWER = (0.75, 0.5, 0.25)  # approach openings tried below fully open, as shares of what is left to open
+_WAY_OPEN = np.arange(1, 9) / 8.0  # where fingers are looked at on their way open, as shares of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,19 +189,19 @@ def whole_hand(
     """Whether the hand touches the part where it grasps (n,), and the approach opening (n,) [m] of those that do not.
 
     The fingers are checked opened by ``tolerance`` a side, with the base where it grasps: pads may touch what they hold
-    and nothing else. The approach opening is the stroke's end, or else the widest of a few below it, that is free as
-    well.
+    and nothing else. From there they are opened in steps, as far as every step is free: the approach opening is the
+    stroke's end or the last step before the part is in the way, so that fingers that close from it meet nothing else.
     """
     part_from_base = part_from_hand @ invert(hand.base_from_hand(opening))
     loose = opening + 2.0 * tolerance
     hits = body.hand_hits(part_from_base, loose)
     approach = loose.copy()
     left = np.flatnonzero(~hits)
-    for share in (1.0, *_NARROWER):
+    for share in _WAY_OPEN:
         tried = loose[left] + share * (hand.stroke[1] - loose[left])
         blocked = body.hand_hits(part_from_base[left], tried, moving_only=True)
-        approach[left[~blocked]] = tried[~blocked]
-        left = left[blocked]
+        left, tried = left[~blocked], tried[~blocked]
+        approach[left] = tried
     return hits, approach
 
 
