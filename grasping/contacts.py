@@ -7,6 +7,7 @@ from time import process_time
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
@@ -161,21 +162,29 @@ def thin(points: Array, group: Indices, priority: Array, radius: float) -> Indic
     """Indices of points (n, 3) that stay when, in each group (n,), none may lie within ``radius`` of another [m].
 
     The point of highest priority (n,) stays first, and so on: those that stay are more than ``radius`` apart, and each
-    that goes lies within it of one that stays. A point stays as soon as it outranks all neighbours still in doubt.
+    that goes lies within it of one that stays.
     """
     pairs = cKDTree(_by_facet(points, group, radius)).query_pairs(radius, output_type="ndarray")
     outranked = priority[pairs[:, 0]] < priority[pairs[:, 1]]
     low, high = np.where(outranked, *pairs.T), np.where(outranked, *pairs.T[::-1])
-    doubt, stays = np.ones(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
-    while doubt.any():
-        best = doubt.copy()
-        best[low] = False
-        stays |= best
-        doubt &= ~best
-        doubt[low[best[high]]] = False
-        open_pairs = doubt[low] & doubt[high]
-        low, high = low[open_pairs], high[open_pairs]
+    below = coo_matrix((np.ones(len(low), dtype=bool), (high, low)), shape=(len(points), len(points))).tocsr()
+    stays = np.ones(len(points), dtype=bool)
+    for i in np.argsort(-priority, kind="stable"):
+        if stays[i]:
+            stays[below.indices[below.indptr[i] : below.indptr[i + 1]]] = False
     return np.flatnonzero(stays)
+
+
+def at_most(contacts: Contacts, most: int, t_rnn: float) -> Contacts:
+    """Contacts that are ``t_rnn`` [m] apart; of more than ``most`` those that a larger ``t_rnn`` would leave.
+
+    Where these are still too many, as on a great number of small facets, only some of them, evenly in their order.
+    """
+    if len(contacts) <= most:
+        return contacts
+    radius = t_rnn * np.sqrt(len(contacts) / most)
+    kept = thin(contacts.points, contacts.facet, _priority(contacts.points), radius)
+    return contacts.take(kept[np.linspace(0, len(kept) - 1, min(most, len(kept))).astype(np.int64)])
 
 
 def _distribute(facets: Facets, face: Indices, n_faces: int) -> tuple[Indices, Indices]:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..robots.hand import Hand, Lip
 from ..transforms import Array, compose, invert
 from .collision import HandCollision, Mask
-from .contacts import Contacts, boundary_distance
+from .contacts import Contacts, at_most, boundary_distance
 from .facets import Facets
 from .grasps import GraspSet
 from .parallel import TOUCHING, directions_about, quality
@@ -22,6 +22,7 @@ from .record import Stage
 from .softfinger import GRAVITY, eccentricity, stability_margin
 
 _LIP_POINTS = 72  # where the lip is looked at: every 5 deg
+_MOST = 160_000  # contacts times turns that are looked at
 
 
 def plan_suction(
@@ -35,6 +36,9 @@ def plan_suction(
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
     """Grasps of a suction cup: where its lip seals, turned about the normal, free of the part, held against gravity.
 
+    At most 160,000 contacts times turns are looked at: on parts so large that there are more (20,000 contacts with the
+    default ``n_da``: 0.2 m2 of surface or so) contacts are as far apart as a larger ``t_rnn`` would bring them.
+
     The force that presses the part on is what the vacuum leaves when the weight pulls straight off: f_n = vacuum force
     - m g.
 
@@ -44,10 +48,15 @@ def plan_suction(
     if hand.lip is None:
         raise InputError(f"hand {hand.name}", "has no lip", "plan suction grasps with a suction cup")
     started = process_time()
+    taken, contacts = len(contacts), at_most(contacts, _MOST // parameters.n_da, parameters.t_rnn)
     edge, leaky, stand_off = lip_seals(part, facets, contacts, hand.lip)
     sealed = np.flatnonzero(~(edge | leaky))
-    dropped = {"nearer the edge than the lip's radius": int(edge.sum()), "the lip leaks": int((leaky & ~edge).sum())}
-    seal = Stage("seal", len(contacts), len(sealed), dropped, process_time() - started)
+    dropped = {
+        "near another contact, of more than can be looked at": taken - len(contacts),
+        "nearer the edge than the lip's radius": int(edge.sum()),
+        "the lip leaks": int((leaky & ~edge).sum()),
+    }
+    seal = Stage("seal", taken, len(sealed), dropped, process_time() - started)
 
     started = process_time()
     rotation = turn_about_normals(contacts.smooth_normals[sealed], parameters.n_da)

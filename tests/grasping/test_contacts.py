@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from kumitate.errors import InputError
-from kumitate.grasping.contacts import boundary_distance, sample_contacts, sample_surface, thin
+from kumitate.grasping.contacts import at_most, boundary_distance, sample_contacts, sample_surface, thin
 from kumitate.grasping.facets import segment
 from kumitate.grasping.parameters import GraspParameters
 from kumitate.grasping.part import Part
@@ -169,6 +169,20 @@ def test_thinning_is_the_greedy_one(seed, n, groups, radius):
         if all(group[i] != group[j] or np.linalg.norm(points[i] - points[j]) > radius for j in greedy):
             greedy.append(i)
     assert thin(points, group, priority, radius).tolist() == sorted(greedy)
+
+
+@pytest.mark.parametrize("most", [1, 7, 50, 200, 500])
+def test_at_most_so_many_contacts_are_left_and_spread(block, most):
+    facets, contacts, _ = planned(block)
+    left = at_most(contacts, most, 3e-3)
+    assert min(most, len(contacts)) / 2 < len(left) <= most
+    assert np.array_equal(left.points, contacts.points) == (len(contacts) <= most)
+    if most < 50:
+        return
+    near = 2.0 * 3e-3 * max(np.sqrt(len(contacts) / most), 1.0)
+    for i in range(len(facets)):
+        there, here = contacts.points[contacts.facet == i], left.points[left.facet == i]
+        assert cKDTree(here).query(there)[0].max() <= near
 
 
 @pytest.mark.parametrize("name", NAMED)

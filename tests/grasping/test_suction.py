@@ -16,6 +16,7 @@ from kumitate.grasping.suction import plan_suction
 from kumitate.robots.library import load_hand
 
 DEFAULTS = GraspParameters()
+LEFT_OUT = "near another contact, of more than can be looked at"
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +123,25 @@ def test_the_whole_cup_is_checked(cup):
 def test_more_rolls_give_more_grasps(cup, block):
     eight, sixteen = (plan_grasps(block, cup, replace(DEFAULTS, n_da=n)) for n in (8, 16))
     assert len(sixteen) == 2 * len(eight)
+
+
+def test_of_a_large_part_no_more_is_looked_at_than_it_says(cup, monkeypatch):
+    monkeypatch.setattr("kumitate.grasping.suction._MOST", 4000)
+    part = Part.from_mesh(trimesh.creation.box([0.1, 0.1, 0.02]), mass=0.01)
+    grasps = plan_grasps(part, cup)
+    seal, collision = rows(grasps)["seal"], rows(grasps)["hand collision"]
+    looked_at = seal.taken - seal.dropped[LEFT_OUT]
+    assert seal.taken > 2000
+    assert 250 < looked_at <= 500
+    assert 0 < collision.taken <= 4000
+    for side in (-0.01, 0.01):  # both large faces have their share, all over
+        x = grasps.contacts[np.isclose(grasps.contacts[:, 0, 2], side), 0, 0]
+        assert len(x) > 0.4 * len(grasps)
+        assert np.diff(np.sort([-0.042, *x, 0.042])).max() < 0.01
+
+
+def test_of_a_part_of_usual_size_everything_is_looked_at(cup, block):
+    assert rows(plan_grasps(block, cup))["seal"].dropped[LEFT_OUT] == 0
 
 
 def test_a_hand_without_a_lip_is_refused(block):
