@@ -183,26 +183,23 @@ def _pads_turn(hand: Hand) -> bool:
     return not np.allclose(open_, closed, atol=1e-6)
 
 
-def whole_hand(
+def approach_openings(
     body: HandCollision, hand: Hand, part_from_hand: Array, opening: Array, tolerance: float
-) -> tuple[Mask, Array]:
-    """Whether the hand touches the part where it grasps (n,), and the approach opening (n,) [m] of those that do not.
+) -> Array:
+    """Approach openings (n,) [m] of hands that grasp freely, opened by ``tolerance`` a side.
 
-    The fingers are checked opened by ``tolerance`` a side, with the base where it grasps: pads may touch what they hold
-    and nothing else. From there they are opened in steps, as far as every step is free: the approach opening is the
-    stroke's end or the last step before the part is in the way, so that fingers that close from it meet nothing else.
+    With the base where it grasps the fingers are opened in steps, as far as every step is free: to the stroke's end, or
+    to the last step before the part is in the way, so that fingers that close from there meet nothing else.
     """
     part_from_base = part_from_hand @ invert(hand.base_from_hand(opening))
     loose = opening + 2.0 * tolerance
-    hits = body.hand_hits(part_from_base, loose)
-    approach = loose.copy()
-    left = np.flatnonzero(~hits)
+    approach, left = loose.copy(), np.arange(len(loose))
     for share in _WAY_OPEN:
         tried = loose[left] + share * (hand.stroke[1] - loose[left])
         blocked = body.hand_hits(part_from_base[left], tried, moving_only=True)
         left, tried = left[~blocked], tried[~blocked]
         approach[left] = tried
-    return hits, approach
+    return approach
 
 
 def holding_margin(part: Part, hand: Hand, facets: Facets, pairs: ContactPairs, parameters: GraspParameters) -> Array:
@@ -229,13 +226,16 @@ def finish(
     With ``colliding`` the hands that touch the part go on, in place of those that do not.
 
     Returns:
-        The grasps, the best first and without a record, and the stages ``"hand collision"`` and ``"stability"``.
+        The grasps, the best first and without a record, and the stages ``"hand collision"``, ``"stability"`` and
+        ``"way open"``, which drops nothing.
     """
     started = process_time()
     off = standing.stand_off
     origin = candidates.ends(pairs).mean(axis=1) + 0.5 * (off[:, 1] - off[:, 0])[:, None] * candidates.closing
     part_from_hand = compose(candidates.rotation, origin)
-    hits, approach_opening = whole_hand(body, hand, part_from_hand, standing.opening, parameters.contact_tolerance)
+    # Pads may touch what they hold and nothing else.
+    loose = standing.opening + 2.0 * parameters.contact_tolerance
+    hits = body.hand_hits(part_from_hand @ invert(hand.base_from_hand(standing.opening)), loose)
     free = np.flatnonzero(hits == colliding)
     dropped = {TOUCHING[not colliding]: len(hits) - len(free)}
     collision = Stage("hand collision", len(hits), len(free), dropped, process_time() - started)
@@ -246,14 +246,19 @@ def finish(
     stability = Stage(
         "stability", len(free), len(held), {"turns under gravity": len(free) - len(held)}, process_time() - started
     )
-    pair, swap = candidates.pair[held], candidates.swapped[held]
+    pair, swap, opening = candidates.pair[held], candidates.swapped[held], standing.opening[held]
+    started = process_time()
+    approach = approach_openings(body, hand, part_from_hand[held], opening, parameters.contact_tolerance)
+    way = Stage("way open", len(held), len(held), {}, process_time() - started)
     distance = np.linalg.norm(origin[held] - part.center_of_mass, axis=-1)
+    loose = parameters.contact_tolerance + FLUSH
+    touching = loose / (loose + standing.gap[held])
     grasps = GraspSet(
         part=part.name,
         hand=hand.name,
         part_from_hand=part_from_hand[held],
-        opening=standing.opening[held],
-        approach_opening=approach_opening[held],
+        opening=opening,
+        approach_opening=approach,
         contacts=candidates.ends(pairs)[held],
         normals=np.where(swap[:, None, None], pairs.normals[pair][:, ::-1], pairs.normals[pair]),
         facets=np.where(swap[:, None], pairs.facets[pair][:, ::-1], pairs.facets[pair]),
@@ -261,9 +266,9 @@ def finish(
         margin=margin[held],
         distance=distance,
         parallelness=pairs.parallelness[pair],
-        quality=quality(part, margin[held], distance, pairs.parallelness[pair]),
+        quality=quality(part, margin[held], distance, pairs.parallelness[pair]) * touching,
     )
-    return grasps, (collision, stability)
+    return grasps, (collision, stability, way)
 
 
 def quality(part: Part, margin: Array, distance: Array, parallelness: Array) -> Array:

@@ -184,6 +184,7 @@ def test_the_record_follows_the_candidates_through_the_stages(gripper, made):
         "pad standing",
         "hand collision",
         "stability",
+        "way open",
         "both ways round",
     ]
     stages = {s.name: s for s in record}

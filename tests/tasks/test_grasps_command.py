@@ -62,6 +62,33 @@ def test_parameters_reach_the_planner(block, capsys, tmp_path):
     assert directions[1] > directions[0]
 
 
+def test_a_sweep_prints_a_row_for_each_value_and_draws_a_plot_beside_the_mesh(block, capsys):
+    """Bare angles are degrees here; parallel sides stay parallel however strictly one looks."""
+    command = ["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--t-rnn", "5 mm"]
+    assert main([*command, "--sweep", "theta_parl=120..175/3"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    head = lines.index("  theta_parl  facets  triangles  contacts  pairs  grasps     s")
+    rows = [line.split() for line in lines[head + 1 : -1]]
+    assert [row[:4] for row in rows] == [[angle, "deg", "6", "2.0"] for angle in ("120", "147.5", "175")]
+    assert len({tuple(row[:-1][4:]) for row in rows}) == 1
+    plot = block.with_suffix(".robotiq_2f85.theta_parl.png")
+    assert lines[-1] == f"plot -> {plot}"
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert not block.with_suffix(".robotiq_2f85.npz").exists()
+
+
+def test_a_sweep_of_a_cup_draws_where_it_is_told(block, capsys, tmp_path):
+    command = ["grasps", str(block), "--unit", "mm", "--hand", "suction_cup", "--sweep", "n_da=4..5"]
+    assert main([*command, "--plot", str(tmp_path / "plot.svg")]) == 0
+    assert "pairs" not in capsys.readouterr().out
+    assert "<svg" in (tmp_path / "plot.svg").read_text()
+
+
+def test_a_sweep_without_any_grasp_is_exit_1(block):
+    command = ["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--mass", "20 kg"]
+    assert main([*command, "--sweep", "n_da=4..5"]) == 1
+
+
 def test_no_grasp_at_all_is_exit_1(block):
     assert main(["grasps", str(block), "--unit", "mm", "--hand", "robotiq_2f85", "--mass", "20 kg"]) == 1
 
@@ -79,6 +106,13 @@ def test_no_grasp_at_all_is_exit_1(block):
         (["--unit", "mm", "--hand", "robotiq_2f85", "--theta-parl", "20 deg"], "theta_parl"),
         (["--unit", "mm", "--hand", "robotiq_2f85", "--n-da", "8.5"], "--n-da"),
         (["--unit", "mm", "--hand", "robotiq_2f85", "--output", "/proc/none/g.npz"], "/proc/none/g.npz"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--plot", "p.png"], "--sweep"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--sweep", "theta_parl=120"], "--sweep"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--sweep", "theta_parl=20..175"], "theta_parl"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--sweep", "n_da=4..5", "--n-da", "8"], "--n-da"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--sweep", "n_da=4..5", "--view"], "--view"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--sweep", "n_da=4..5", "--plot", "p.txt"], "p.txt"),
+        (["--unit", "mm", "--hand", "robotiq_2f85", "--sweep", "n_da=4..5", "--plot", "/proc/no/p.png"], "/proc/no"),
     ],
 )
 def test_a_wrong_input_is_one_line_and_exit_2(block, capsys, arguments, words):
