@@ -13,10 +13,13 @@ if TYPE_CHECKING:
     from .errors import KumitateError as KumitateError
     from .errors import PlanningError as PlanningError
     from .grasping.grasps import GraspSet as GraspSet
+    from .grasping.measured import Measured as Measured
     from .grasping.parameters import GraspParameters as GraspParameters
     from .grasping.part import Part as Part
     from .grasping.planner import plan_grasps as plan_grasps
     from .grasping.store import cached_grasps as cached_grasps
+    from .physics.trials import Trials as Trials
+    from .physics.trials import run_trials as run_trials
     from .regrasp.graph import Held as Held
     from .regrasp.placements import Placements as Placements
     from .regrasp.placements import find_placements as find_placements
@@ -69,10 +72,12 @@ if TYPE_CHECKING:
 _HOMES = {
     "errors": ("InputError", "KumitateError", "PlanningError"),
     "grasping.grasps": ("GraspSet",),
+    "grasping.measured": ("Measured",),
     "grasping.parameters": ("GraspParameters",),
     "grasping.part": ("Part",),
     "grasping.planner": ("plan_grasps",),
     "grasping.store": ("cached_grasps",),
+    "physics.trials": ("Trials", "run_trials"),
     "regrasp.graph": ("Held",),
     "regrasp.placements": ("Placements", "find_placements"),
     "regrasp.planner": ("Regrasp", "plan_regrasp"),

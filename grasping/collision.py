@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 import fcl
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +22,10 @@ class HandCollision:
     """Exact collision checks of one hand against one part.
 
     Every piece of the hand is checked against every triangle of the part: no pair is switched off.
+
+    Attributes:
+        moving: Indices of the pieces that move with the fingers.
+        behind_pads: Those of them that carry no pad.
     """
 
     def __init__(self, part: Part, hand: Hand) -> None:
@@ -34,23 +40,25 @@ class HandCollision:
         self._order = sorted(
             range(len(hand.pieces)), key=lambda k: (hand.pieces[k].joint in pads, hand.pieces[k].joint == base)
         )
+        self.moving = frozenset(k for k in self._order if hand.pieces[k].joint != base)
+        self.behind_pads = frozenset(k for k in self.moving if hand.pieces[k].joint not in pads)
         boxes = [_box(piece.mesh) for piece in hand.pieces]
         self._centers = np.array([center for center, _ in boxes])
         self._halves = np.array([half for _, half in boxes])
 
-    def hand_hits(self, part_from_base: Array, openings: Array, *, moving_only: bool = False) -> Mask:
+    def hand_hits(self, part_from_base: Array, openings: Array, pieces: Set[int] | None = None) -> Mask:
         """Whether the hand touches the part (n,).
 
         Args:
             part_from_base: (n, 4, 4) poses of the hand's base.
             openings: (n,) [m].
-            moving_only: Leave out the pieces fixed to the base, where they are known to be free at another opening.
+            pieces: Indices of the pieces to check; all unless given.
         """
         poses = part_from_base[:, None] @ self._hand.base_from_piece(openings)
         near = self._near(poses)
         hits = np.zeros(len(poses), dtype=bool)
         for k in self._order:
-            if moving_only and self._hand.pieces[k].joint == 0:
+            if pieces is not None and k not in pieces:
                 continue
             for i in np.flatnonzero(near[:, k] & ~hits):
                 hits[i] = self._touches(self._pieces[k], poses[i, k, :3, :3], poses[i, k, :3, 3])

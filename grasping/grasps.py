@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..transforms import Array, checked_poses
+from .measured import Measured
 from .record import Stage
 
 FORMAT = 1
@@ -41,9 +42,11 @@ class GraspSet:
         margin: (n,) stability margin, 1 at best, 0 where the part is about to turn (eq. 4).
         distance: (n,) distance between grasp centre and centre of mass [m].
         parallelness: (n,) how opposed the contacts are [rad], pi at best (see ContactPairs); pi for a cup.
-        quality: (n,) in [0, 1]: margin x nearness to the centre of mass x cosine of the contacts' misalignment.
+        quality: (n,) in [0, 1]: margin x nearness to the centre of mass x cosine of the contacts' misalignment; less
+            where a finger hangs above the surface until the part turns.
         record: What each stage took, kept and dropped.
         key: Digest of mesh, hand and parameters; empty when unknown.
+        measured: What simulation measured of the n grasps; none when they were not simulated.
     """
 
     part: str
@@ -61,6 +64,7 @@ class GraspSet:
     quality: Array
     record: tuple[Stage, ...] = ()
     key: str = ""
+    measured: Measured | None = None
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness, poses, unit normals and the order.
@@ -84,6 +88,8 @@ class GraspSet:
             raise InputError(
                 "grasps: opening", "negative, or wider than the approach opening", "give 0 <= opening <= approach"
             )
+        if self.measured is not None and len(self.measured) != n:
+            raise InputError("grasps: measured", f"of {len(self.measured)} grasps", f"measure all {n}")
         for name in _ARRAYS:
             getattr(self, name).setflags(write=False)
 
@@ -94,12 +100,25 @@ class GraspSet:
     def __getitem__(self, chosen: npt.NDArray[np.int64] | npt.NDArray[np.bool_] | slice) -> GraspSet:
         """The chosen grasps: a mask, indices or a slice."""
         arrays: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _ARRAYS}
-        return replace(self, **arrays)
+        return replace(self, **arrays, measured=None if self.measured is None else self.measured.take(chosen))
 
     def joined(self, other: GraspSet) -> GraspSet:
-        """These grasps, then the other's; names and record are kept."""
+        """These grasps, then the other's; names and record are kept, what was measured only if it was of both."""
         arrays: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in _ARRAYS}
-        return replace(self, **arrays)
+        measured = None
+        if self.measured is not None and other.measured is not None:
+            measured = self.measured.joined(other.measured)
+        return replace(self, **arrays, measured=measured)
+
+    def held(self) -> GraspSet:
+        """The grasps that were tried in simulation, and held.
+
+        Raises:
+            InputError: They were not simulated.
+        """
+        if self.measured is None:
+            raise InputError("grasps", "nothing was measured of them", "run `kumitate simulate`")
+        return self[self.measured.held]
 
     def thin(self, n: int) -> GraspSet:
         """At most n grasps that are good and spread over position and orientation (see ``spread``)."""
@@ -130,6 +149,8 @@ class GraspSet:
         record = [{**{f.name: getattr(s, f.name) for f in fields(s)}, "dropped": dict(s.dropped)} for s in self.record]
         header = {"format": FORMAT, "part": self.part, "hand": self.hand, "key": self.key, "record": record}
         arrays = {name: getattr(self, name) for name in _ARRAYS}
+        if self.measured is not None:
+            arrays |= {f"{_MEASURED}{item.name}": getattr(self.measured, item.name) for item in fields(Measured)}
         with Path(path).open("wb") as file:
             np.savez(file, header=np.array(json.dumps(header)), **arrays)
 
@@ -142,7 +163,7 @@ class GraspSet:
         """
         cure = "write it again with GraspSet.save or `kumitate grasps`"
         try:
-            header, arrays = _read(Path(path))
+            header, arrays, measured = _read(Path(path))
             if header.format != FORMAT:
                 raise InputError(path, f"format {header.format}, and this version reads {FORMAT}", cure)
         except FileNotFoundError as error:
@@ -152,7 +173,14 @@ class GraspSet:
         except Exception as error:  # numpy, zipfile, zlib and json raise a dozen errors at random bytes
             raise InputError(path, f"no grasp set ({error})", cure) from error
         try:
-            return cls(part=header.part, hand=header.hand, **arrays, record=header.record, key=header.key)
+            return cls(
+                part=header.part,
+                hand=header.hand,
+                **arrays,
+                record=header.record,
+                key=header.key,
+                measured=Measured(**measured) if measured else None,
+            )
         except InputError as error:
             raise InputError(f"{path}: {error.place}", error.problem, cure) from error
 
@@ -165,13 +193,21 @@ class _Header(msgspec.Struct, frozen=True):
     record: tuple[Stage, ...]
 
 
-def _read(path: Path) -> tuple[_Header, dict[str, Any]]:
-    """Header and arrays of a file, of which nothing is unpickled, and no array larger than what is there for it."""
+def _read(path: Path) -> tuple[_Header, dict[str, Any], dict[str, Any]]:
+    """Header and arrays of a file, and those of what was measured, if it has any.
+
+    Nothing is unpickled, and no array is larger than what is there for it.
+    """
+    if path.exists() and not path.is_file():  # a pipe would wait for somebody to write
+        raise ValueError("it is a folder or a device")
     with zipfile.ZipFile(path) as file:
         if (size := sum(entry.file_size for entry in file.infolist())) > LARGEST_FILE:
             raise ValueError(f"{size} bytes are more than {LARGEST_FILE}")
         header, *arrays = (_array(file.read(f"{name}.npy")) for name in ("header", *_ARRAYS))
-    return msgspec.convert(json.loads(str(header[()])), _Header), dict(zip(_ARRAYS, arrays, strict=True))
+        simulated = any(name.startswith(_MEASURED) for name in file.namelist())
+        names = [item.name for item in fields(Measured)] if simulated else []
+        measured = {name: _array(file.read(f"{_MEASURED}{name}.npy")) for name in names}
+    return msgspec.convert(json.loads(str(header[()])), _Header), dict(zip(_ARRAYS, arrays, strict=True)), measured
 
 
 def _array(data: bytes) -> npt.NDArray[Any]:
@@ -194,3 +230,4 @@ def _shapes(n: int, k: int) -> dict[str, tuple[int, ...]]:
 
 
 _ARRAYS = tuple(_shapes(0, 0))
+_MEASURED = "measured_"  # what the names of its arrays start with in a file

@@ -183,23 +183,28 @@ def _pads_turn(hand: Hand) -> bool:
     return not np.allclose(open_, closed, atol=1e-6)
 
 
-def approach_openings(
+def finger_ways(
     body: HandCollision, hand: Hand, part_from_hand: Array, opening: Array, tolerance: float
-) -> Array:
-    """Approach openings (n,) [m] of hands that grasp freely, opened by ``tolerance`` a side.
+) -> tuple[Mask, Array]:
+    """Whether fingers close on the part with their pads first (n,), and from which approach opening (n,) [m].
 
-    With the base where it grasps the fingers are opened in steps, as far as every step is free: to the stroke's end, or
-    to the last step before the part is in the way, so that fingers that close from there meet nothing else.
+    Pieces that carry no pad are looked at closed by ``tolerance`` a side: knuckles that meet the part there may hold it
+    in place of the pads. With the base where it grasps the fingers are then opened in steps, as far as every step is
+    free: to the stroke's end, or to the last step before the part is in the way, so that fingers that close from there
+    meet nothing else.
     """
     part_from_base = part_from_hand @ invert(hand.base_from_hand(opening))
-    loose = opening + 2.0 * tolerance
-    approach, left = loose.copy(), np.arange(len(loose))
+    pads_first = ~body.hand_hits(
+        part_from_base, np.maximum(opening - 2.0 * tolerance, hand.stroke[0]), body.behind_pads
+    )
+    approach = opening + 2.0 * tolerance
+    way, left = hand.stroke[1] - approach, np.arange(len(opening))
     for share in _WAY_OPEN:
-        tried = loose[left] + share * (hand.stroke[1] - loose[left])
-        blocked = body.hand_hits(part_from_base[left], tried, moving_only=True)
-        left, tried = left[~blocked], tried[~blocked]
-        approach[left] = tried
-    return approach
+        tried = hand.stroke[1] - (1.0 - share) * way[left]
+        free = ~body.hand_hits(part_from_base[left], tried, body.moving)
+        left = left[free]
+        approach[left] = tried[free]
+    return pads_first, approach
 
 
 def holding_margin(part: Part, hand: Hand, facets: Facets, pairs: ContactPairs, parameters: GraspParameters) -> Array:
@@ -227,14 +232,15 @@ def finish(
 
     Returns:
         The grasps, the best first and without a record, and the stages ``"hand collision"``, ``"stability"`` and
-        ``"way open"``, which drops nothing.
+        ``"closing fingers"``.
     """
     started = process_time()
     off = standing.stand_off
     origin = candidates.ends(pairs).mean(axis=1) + 0.5 * (off[:, 1] - off[:, 0])[:, None] * candidates.closing
     part_from_hand = compose(candidates.rotation, origin)
     # Pads may touch what they hold and nothing else.
-    loose = standing.opening + 2.0 * parameters.contact_tolerance
+    tolerance = parameters.contact_tolerance
+    loose = standing.opening + 2.0 * tolerance
     hits = body.hand_hits(part_from_hand @ invert(hand.base_from_hand(standing.opening)), loose)
     free = np.flatnonzero(hits == colliding)
     dropped = {TOUCHING[not colliding]: len(hits) - len(free)}
@@ -246,13 +252,18 @@ def finish(
     stability = Stage(
         "stability", len(free), len(held), {"turns under gravity": len(free) - len(held)}, process_time() - started
     )
-    pair, swap, opening = candidates.pair[held], candidates.swapped[held], standing.opening[held]
+
     started = process_time()
-    approach = approach_openings(body, hand, part_from_hand[held], opening, parameters.contact_tolerance)
-    way = Stage("way open", len(held), len(held), {}, process_time() - started)
+    pads_first, approach = finger_ways(body, hand, part_from_hand[held], standing.opening[held], tolerance)
+    kept = np.asarray(pads_first | colliding)
+    dropped = {"knuckles meet the part": len(held) - int(kept.sum())}
+    ways = Stage("closing fingers", len(held), int(kept.sum()), dropped, process_time() - started)
+    held, approach = held[kept], approach[kept]
+
+    pair, swap, opening = candidates.pair[held], candidates.swapped[held], standing.opening[held]
     distance = np.linalg.norm(origin[held] - part.center_of_mass, axis=-1)
-    loose = parameters.contact_tolerance + FLUSH
-    touching = loose / (loose + standing.gap[held])
+    flush = tolerance + FLUSH
+    touching = flush / (flush + standing.gap[held])
     grasps = GraspSet(
         part=part.name,
         hand=hand.name,
@@ -268,7 +279,7 @@ def finish(
         parallelness=pairs.parallelness[pair],
         quality=quality(part, margin[held], distance, pairs.parallelness[pair]) * touching,
     )
-    return grasps, (collision, stability, way)
+    return grasps, (collision, stability, ways)
 
 
 def quality(part: Part, margin: Array, distance: Array, parallelness: Array) -> Array:

@@ -19,7 +19,7 @@ from .grasps import FORMAT, GraspSet
 from .parameters import GraspParameters
 from .part import Part
 
-_PLANNER = 3  # raise whenever the same input gives other grasps: older entries are then planned again
+_PLANNER = 4  # raise whenever the same input gives other grasps: older entries are then planned again
 _OPENINGS = 5  # openings at which a hand's linkage enters its digest
 _DAY = 86_400.0  # s
 
@@ -102,7 +102,9 @@ def _read(path: Path, key: str) -> GraspSet | None:
         stored = GraspSet.load(path) if path.is_file() else None  # a pipe would wait for somebody to write
     except (InputError, OSError):
         return None
-    return replace(stored, key=key) if stored is not None and stored.key == _seal(stored, key) else None
+    if stored is None or stored.measured is not None or stored.key != _seal(stored, key):
+        return None
+    return replace(stored, key=key)
 
 
 def _write(grasps: GraspSet, path: Path) -> None:

@@ -121,6 +121,7 @@ class Hand:
         lip: The lip of a cup; None for fingers.
         pieces: Rigid pieces, each with the joint that moves it (0: the base, which comes first).
         joint_names: Joints of the fingers, mimics included.
+        mechanism: How these joints move.
     """
 
     name: str
@@ -263,7 +264,18 @@ class Hand:
 
 @dataclass(frozen=True, eq=False)
 class Linkage:
-    """Forward kinematics of the fingers over arrays; every joint is ``factor * driver + offset``."""
+    """Forward kinematics of j finger joints over arrays; every joint is ``factor * driver + offset``.
+
+    Attributes:
+        parents: Index of the parent of the base and of each joint; the base is 0.
+        placements: (1 + j, 4, 4) pose of each joint in its parent's frame.
+        axes: (j, 3) unit axes, in the joints' frames.
+        prismatic: (j,) whether a joint slides.
+        factors: (j,).
+        offsets: (j,) [rad or m].
+        open: Position of the driver where the hand is open.
+        closed: And where it is closed.
+    """
 
     parents: tuple[int, ...]
     placements: Array
@@ -281,6 +293,11 @@ class Linkage:
 
     @classmethod
     def of(cls, urdf: Urdf, driver: DriverFile | None, path: Path) -> Linkage:
+        """The linkage of a hand's URDF.
+
+        Raises:
+            InputError: A joint is not driven by the driver, or of a kind that no finger has.
+        """
         model = urdf.model
         names = list(model.names)[1:]
         if model.nq != len(names):

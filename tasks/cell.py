@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -13,8 +14,10 @@ import numpy as np
 import trimesh
 
 from ..errors import InputError, UnknownNameError
+from ..grasping.grasps import GraspSet
 from ..grasping.parameters import GraspParameters
 from ..grasping.part import UNITS, Part
+from ..grasping.store import grasp_key
 from ..regrasp.supports import Support
 from ..robots.hand import Hand
 from ..robots.library import HANDS, ROBOTS, load_hand, load_robot
@@ -43,6 +46,7 @@ class Cell:
         robot: The robot with its hands.
         parts: The parts, repaired and weighed, by name.
         parameters: The grasp parameters of each part.
+        simulated: Grasps of which the task has what was measured in simulation, by part and arm.
         meshes: Triangles of parts and obstacles as their files give them, by name.
         scene: Robot, parts and obstacles.
         state: Where all of it is at the start: hands open, and contacts of each part with what it rests on.
@@ -54,6 +58,7 @@ class Cell:
     robot: Robot
     parts: Mapping[str, Part]
     parameters: Mapping[str, GraspParameters]
+    simulated: Mapping[tuple[str, str], GraspSet]
     meshes: Mapping[str, Mesh]
     scene: Scene
     state: SceneState
@@ -75,6 +80,8 @@ def build_cell(task: Task, folder: str | Path) -> Cell:
     checked_task(task, folder)
     robot = robot_of(task, folder)
     parts = _parts(task, folder)
+    parameters = {name: grasp_parameters(entry) for name, entry in task.parts.items()}
+    simulated = _simulated(task, folder, robot, parts, parameters)
     obstacles = {obstacle.name: _obstacle(obstacle, folder) for obstacle in task.cell}
     bodies = [*obstacles.values(), *(Body.from_mesh(name, part.mesh) for name, part in parts.items())]
     scene = Scene.of(robot, bodies)
@@ -96,7 +103,8 @@ def build_cell(task: Task, folder: str | Path) -> Cell:
         folder=folder,
         robot=robot,
         parts=parts,
-        parameters={name: grasp_parameters(entry) for name, entry in task.parts.items()},
+        parameters=parameters,
+        simulated=simulated,
         meshes={name: _mesh(entry, scene.bodies[name], folder) for name, entry in entries.items()},
         scene=scene,
         state=state,
@@ -178,6 +186,44 @@ def _parts(task: Task, folder: Path) -> dict[str, Part]:
             read[key] = Part.load(path, unit=entry.unit, mass=entry.mass, density=entry.density, name=name)
         parts[name] = replace(read[key], name=name)
     return parts
+
+
+def _simulated(
+    task: Task, folder: Path, robot: Robot, parts: Mapping[str, Part], parameters: Mapping[str, GraspParameters]
+) -> dict[tuple[str, str], GraspSet]:
+    """The grasps in the files of what was measured, by part and arm: those that would be planned here."""
+    found: dict[tuple[str, str], GraspSet] = {}
+    for part, entry in task.parts.items():
+        keys = {arm: grasp_key(parts[part], hand, parameters[part]) for arm, hand in robot.hands.items()}
+        for i, file in enumerate(entry.grasps.measured):
+            place = f"parts.{part}.grasps.measured[{i}]"
+            grasps = GraspSet.load(folder / file)
+            arms = [arm for arm, key in keys.items() if key == grasps.key]
+            if not arms or grasps.measured is None:
+                raise InputError(place, *_not_simulated(task, robot, part, file, grasps))
+            if (part, arms[0]) in found:
+                raise InputError(place, f"{file} is a second file of {part} by {grasps.hand}", "keep one of them")
+            found |= {(part, arm): replace(grasps, part=part, hand=robot.hands[arm].name) for arm in arms}
+    return found
+
+
+def _not_simulated(task: Task, robot: Robot, part: str, file: str, grasps: GraspSet) -> tuple[str, str]:
+    """Why ``grasps`` of a file are not those of a part that would be planned and were simulated; and the cure."""
+    hands = {robot.hands[arm].name: entry for arm, entry in task.hands.items()}
+    if grasps.hand not in hands:
+        return f"{file} has grasps by {grasps.hand}, which no arm has", "give an arm that hand, or leave the file out"
+    if grasps.measured is None:
+        problem = f"nothing was measured of the grasps in {file}"
+    else:
+        problem = (
+            f"{file} has other grasps (of {grasps.part} by {grasps.hand}) than those planned here: the mesh, its unit, "
+            "its mass, the hand's files or the grasp parameters differ, or another version planned them"
+        )
+    entry, hand = task.parts[part], hands[grasps.hand]
+    options: dict[str, object] = {"unit": entry.unit, "mass": entry.mass, "density": entry.density}
+    options |= {"hand": hand.hand if isinstance(hand, Mounted) else hand, **entry.grasps.parameters, "output": file}
+    given = [f"--{name.replace('_', '-')}={value}" for name, value in options.items() if value is not None]
+    return problem, f"run in the task's folder: `{shlex.join(['kumitate', 'simulate', entry.mesh, *given])}`"
 
 
 def _supports(task: Task, obstacles: Mapping[str, Body], state: SceneState) -> tuple[Support, ...]:

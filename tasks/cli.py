@@ -19,6 +19,7 @@ from .plan_command import add_plan
 from .replay_command import add_replay
 from .robots_command import add_robots
 from .schema_command import add_schema
+from .simulate_command import add_simulate
 from .supervised import supervised, unsupervised
 from .verify_command import add_verify
 
@@ -69,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     add_export(commands.add_parser("export", help="write a plan as ROS trajectories or as a table"))
     add_grasps(commands.add_parser("grasps", help="plan the grasps of a part by a hand"))
     add_placements(commands.add_parser("placements", help="find the stable placements of a part on a plane"))
+    add_simulate(commands.add_parser("simulate", help="try the grasps of a part in physics, and see which hold"))
     add_robots(commands.add_parser("robots", help="list the shipped robots and hands"))
     add_schema(commands.add_parser("schema", help="print the JSON Schema of task files or plans"))
     return parser

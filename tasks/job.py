@@ -10,7 +10,7 @@ import numpy as np
 from ..grasping.grasps import GraspSet
 from ..grasping.joined import hold_whole, join_parts
 from ..grasping.part import Part
-from ..grasping.store import cached_grasps
+from ..grasping.store import cached_grasps, grasp_key
 from ..regrasp.clearance import Mask, hands_hit
 from ..regrasp.graph import MOST_REGRASPS, Goal, Held, RegraspGraph
 from ..regrasp.nodes import between
@@ -71,7 +71,7 @@ class Job:
         self.cell, self.seed, self.tell = cell, seed, deadline.tell
         self.motions = Motions(cell.scene, cell.state, cell.task.speed, seed, deadline.check)
         self._used: dict[str, GraspSet] = {}
-        self._grasps: dict[tuple[str, str], GraspSet] = {}
+        self._grasps: dict[tuple[str, ...], GraspSet] = {}
         self._wholes: dict[tuple[object, ...], Whole] = {}
 
     # Parts ------------------------------------------------------------------------------------------------------------
@@ -142,13 +142,14 @@ class Job:
         return holder
 
     def grasps(self, part: str, arm: str) -> GraspSet:
-        """The grasps of ``part`` alone by the hand of ``arm``."""
-        hand = self.cell.robot.hands[arm]
-        made = self.cell.parts[part]
-        key = (made.digest, hand.name)
+        """The grasps of ``part`` alone by the hand of ``arm``; of those that were simulated the ones that held."""
+        hand, simulated = self.cell.robot.hands[arm], self.cell.simulated.get((part, arm))
+        made, parameters = self.cell.parts[part], self.cell.parameters[part]
+        key = (grasp_key(made, hand, parameters), hand.name, *self.cell.task.parts[part].grasps.measured)
         if key not in self._grasps:
             self.tell(f"grasps of {part} by {hand.name}")
-            self._grasps[key] = cached_grasps(made, hand, self.cell.parameters[part]).thin(_MOST_GRASPS)
+            grasps = cached_grasps(made, hand, parameters) if simulated is None else simulated.held()
+            self._grasps[key] = grasps.thin(_MOST_GRASPS)
         return self._grasps[key]
 
     # Moving -----------------------------------------------------------------------------------------------------------

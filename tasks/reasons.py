@@ -117,7 +117,7 @@ def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
     """Why ``goal`` is not reached from where ``job`` is, once planning has ended in ``error``."""
     told: tuple[str, ...] = tuple(getattr(error, "report", ()))
     attempts = tuple(line for line in told if isinstance(line, Attempt))
-    notes = tuple(line for line in told if not isinstance(line, Attempt | Count))
+    notes = [line for line in told if not isinstance(line, Attempt | Count)]
     diagnoses, causes, where = list[Diagnosis](), list[tuple[Cause, int]](), ""
     blocked: Blocked | None = None
     for part, nodes, arms in _stations(job, goal):
@@ -129,7 +129,8 @@ def reasons(job: Job, number: int, goal: Goal, error: PlanningError) -> Report:
     if not causes:
         where, causes = _no_way(job, goal, error, attempts)
     blocked = blocked or _standing(job, goal, causes)
-    return Report(number, where, tuple(causes), tuple(diagnoses), attempts, notes, blocked)
+    notes = [*_held(job, diagnoses), *notes]
+    return Report(number, where, tuple(causes), tuple(diagnoses), attempts, tuple(notes), blocked)
 
 
 def reasons_for_no_order(job: Job, goals: Sequence[Goal], error: PlanningError) -> Report:
@@ -201,20 +202,30 @@ def _decisive(found: Sequence[Diagnosis]) -> list[tuple[Cause, int]]:
 
 
 def _no_grasps(job: Job, found: Sequence[Diagnosis]) -> list[tuple[Cause, int]]:
-    """Where no hand has a grasp: what dropped the last candidates of grasp planning."""
+    """Where no hand has a grasp: that none held in simulation, or what dropped the last candidates of planning."""
     if any(entry.planned for entry in found):
         return []
-    causes: Counter[Cause] = Counter()
+    causes, fallen = Counter[Cause](), Counter[Cause]()
     for part, arm in dict.fromkeys((entry.part, entry.arm) for entry in found):
         hand, grasps = job.cell.robot.hands[arm].name, job.grasps(part, arm)
         if len(grasps):
             causes[Cause(f"{hand} cannot hold what is joined to, or must not be touched of,", (part,))] = len(grasps)
             continue
+        if planned := len(job.cell.simulated.get((part, arm), ())):
+            fallen[Cause(f"{hand} has no grasp, none held in simulation:", (part,))] = planned
+            continue
         last = next((stage for stage in reversed(grasps.record) if stage.taken), None)
         dropped = {reason: n for reason, n in last.dropped.items() if n} if last is not None else {}
         for reason, n in (dropped or {"no place for its pads": 1}).items():
             causes[Cause(f"{hand} has no grasp, {reason}:", (part,))] = n
-    return causes.most_common()
+    return [*fallen.most_common(), *causes.most_common()]
+
+
+def _held(job: Job, found: Sequence[Diagnosis]) -> Iterator[str]:
+    """How many of the grasps that were simulated held."""
+    for part, arm in dict.fromkeys((entry.part, entry.arm) for entry in found):
+        if (grasps := job.cell.simulated.get((part, arm))) is not None:
+            yield f"{len(grasps.held())} of {len(grasps)} grasps of {part} by {grasps.hand} held in simulation"
 
 
 def _no_way(

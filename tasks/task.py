@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import msgspec
 
@@ -102,7 +102,13 @@ class Obstacle(Record, frozen=True):
 
 
 class Grasping(Record, frozen=True):
-    """Grasp parameters of a part, under the paper's names, which `GraspParameters` explains; its defaults if none."""
+    """How a part is grasped: with the paper's parameters, which `GraspParameters` explains; its defaults if none.
+
+    Attributes:
+        measured: Files that `kumitate simulate` wrote, relative to the task file, at most one a hand: of that hand's
+            planned grasps only those are used that were tried and held. The taker's grasps of an interlocked handover
+            are in no file: they are built on those of the giver.
+    """
 
     theta_pln: Angle | None = None
     theta_fct: Angle | None = None
@@ -112,6 +118,13 @@ class Grasping(Record, frozen=True):
     theta_parl: Angle | None = None
     t_dct: Length | None = None
     n_da: int | None = None
+    measured: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters that are given, by name."""
+        given = {name: getattr(self, name) for name in self.__struct_fields__ if name != "measured"}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 class Region(Record, frozen=True):

@@ -70,8 +70,7 @@ def grasp_parameters(entry: PartEntry) -> GraspParameters:
     Raises:
         InputError: One is outside its range.
     """
-    given = {name: getattr(entry.grasps, name) for name in entry.grasps.__struct_fields__}
-    return GraspParameters(**{name: value for name, value in given.items() if value is not None})
+    return GraspParameters(**entry.grasps.parameters)
 
 
 def is_hand_file(hand: str) -> bool:
@@ -114,6 +113,8 @@ def _files(task: Task) -> Iterator[tuple[Keys, str]]:
             yield ("cell", i, "mesh"), obstacle.mesh
     for name, part in task.parts.items():
         yield ("parts", name, "mesh"), part.mesh
+        for i, file in enumerate(part.grasps.measured):
+            yield ("parts", name, "grasps", "measured", i), file
 
 
 def _in_poses(value: object, keys: Keys = ()) -> Iterator[Mistake]:

@@ -7,6 +7,7 @@ import json
 import struct
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import trimesh
 from spoil import Rng, nudged, one, spoiled_bytes, spoiled_tree
 
 from kumitate.grasping.grasps import GraspSet
+from kumitate.grasping.measured import Measured
 from kumitate.grasping.parameters import GraspParameters
 from kumitate.grasping.part import Part
 from kumitate.grasping.planner import plan_grasps
@@ -23,13 +25,15 @@ from kumitate.robots.library import load_hand
 COUNT = 5000
 _PART = Part.from_mesh(trimesh.creation.box([0.03, 0.02, 0.05]), mass=0.05, name="box")
 _GRASPS = plan_grasps(_PART, load_hand("robotiq_2f85"), GraspParameters(t_rnn=8e-3, n_da=2))
+_TRIED = np.arange(len(_GRASPS)) % 3 > 0
+_MEASURED = Measured(_TRIED, *(_TRIED * np.array([[2e-3], [0.1], [1e-3]])), np.arange(len(_GRASPS)) % 3 > 1)
 _FILE = Path("grasps.npz")
 
 
 def make(rng: Rng, folder: Path) -> None:
     """Write a grasp set, and spoil it."""
     path = folder / _FILE
-    _GRASPS.save(path)
+    replace(_GRASPS, measured=_MEASURED if rng.random() < 0.5 else None).save(path)
     way = _bomb if rng.random() < 0.002 else one(rng, _WAYS)
     path.write_bytes(way(rng, path.read_bytes()))
 
@@ -37,6 +41,8 @@ def make(rng: Rng, folder: Path) -> None:
 def feed(folder: Path) -> str:
     """Load the set and save it again."""
     grasps = GraspSet.load(folder / _FILE)
+    if grasps.measured is not None:
+        grasps = grasps.held()
     grasps.thin(5).save(folder / "again.npz")
     return "works"
 
@@ -101,6 +107,7 @@ def _array(rng: Rng, content: bytes) -> bytes:
         lambda: array.astype(one(rng, ("f4", "i8", "c16", "O", "U8", "M8[s]", "?", "V8", ">f8", "f2", "g"))),
         lambda: np.array(nudged(rng, 1.0)),
         lambda: np.vectorize(lambda x: nudged(rng, float(x)))(array),
+        lambda: rng.permutation(array),
         lambda: np.array([{"a": 1}, None], dtype=object),
         lambda: np.zeros(len(array), dtype=[("a", "f8"), ("b", "i4")]),
         lambda: np.asfortranarray(array),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import pickle
 import zipfile
 from dataclasses import replace
@@ -13,6 +14,7 @@ import pytest
 
 from kumitate.errors import InputError
 from kumitate.grasping.grasps import GraspSet
+from kumitate.grasping.measured import Measured
 from kumitate.grasping.planner import plan_grasps
 from kumitate.robots.library import load_hand
 
@@ -20,6 +22,15 @@ from kumitate.robots.library import load_hand
 @pytest.fixture(scope="module")
 def grasps(block) -> GraspSet:
     return plan_grasps(block, load_hand("robotiq_2f85"))
+
+
+@pytest.fixture(scope="module")
+def simulated(grasps) -> GraspSet:
+    """Two of three grasps were tried, half of those held; the shift tells which row it is [m]."""
+    row = np.arange(len(grasps))
+    tried = row % 3 > 0
+    none = np.zeros(len(grasps))
+    return replace(grasps, measured=Measured(tried, np.where(tried, row, 0.0), none, none, row % 3 == 2))
 
 
 def same(a: GraspSet, b: GraspSet) -> bool:
@@ -80,6 +91,79 @@ def test_a_file_gives_back_what_was_saved(grasps, tmp_path):
     empty = grasps[:0]
     empty.save(tmp_path / "e.npz")
     assert same(GraspSet.load(tmp_path / "e.npz"), empty)
+
+
+def test_what_was_measured_goes_with_its_grasps(grasps, simulated):
+    row = {where.tobytes(): i for i, where in enumerate(grasps.part_from_hand)}
+
+    def rows(some):
+        """The rows that the grasps are, by their poses; and by what was measured, where they were tried."""
+        found = np.array([row[where.tobytes()] for where in some.part_from_hand])
+        return found, np.where(some.measured.tried, some.measured.shift, found)
+
+    for some in (simulated[::7], simulated[np.arange(len(grasps)) % 5 == 1], simulated.thin(40)):
+        assert np.array_equal(*rows(some))
+        assert np.array_equal(*rows(some.joined(simulated[:9])))
+        assert some.joined(grasps).measured is None
+        assert grasps.joined(some).measured is None
+    held = simulated.held()
+    assert np.array_equal(rows(held)[0], np.arange(2, len(grasps), 3))
+    assert held.measured.held.all()
+    assert len(simulated[::3].held()) == 0
+    with pytest.raises(InputError, match="nothing was measured of them; run `kumitate simulate`"):
+        grasps.held()
+    with pytest.raises(InputError, match="grasps: measured"):
+        replace(grasps, measured=simulated.measured.take(slice(5)))
+
+
+def test_a_file_keeps_what_was_measured(grasps, simulated, tmp_path):
+    path = tmp_path / "g.npz"
+    for some in (simulated, simulated[:0], simulated.thin(7)):
+        some.save(path)
+        loaded = GraspSet.load(path)
+        assert same(loaded, some)
+        assert loaded.measured.held.dtype == loaded.measured.tried.dtype == bool
+        for name in ("tried", "shift", "turn", "slip", "held"):
+            assert np.array_equal(getattr(loaded.measured, name), getattr(some.measured, name))
+    grasps.save(path)
+    assert GraspSet.load(path).measured is None
+    with np.load(path) as file:
+        assert not any("measured" in name for name in file.files)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"measured_held": None}, "no grasp set .*measured_held"),
+        ({"measured_tried": None, "measured_shift": None}, "no grasp set .*measured_tried"),
+        ({"measured_turn": np.zeros(3)}, "measured: turn: shape"),
+        ({"measured_slip": np.array([{}], dtype=object)}, "no grasp set"),
+        ({f"measured_{name}": np.zeros(3) for name in ("shift", "turn", "slip")}, "measured: shift: shape"),
+    ],
+)
+def test_a_file_with_broken_measures_is_refused(simulated, tmp_path, changes, words):
+    path = tmp_path / "g.npz"
+    simulated.save(path)
+    rewritten(path, **changes)
+    with pytest.raises(InputError, match=words) as error:
+        GraspSet.load(path)
+    assert str(error.value).startswith(str(path))
+
+
+def test_measures_of_fewer_grasps_are_refused(simulated, tmp_path):
+    path = tmp_path / "g.npz"
+    simulated.save(path)
+    names = ("tried", "shift", "turn", "slip", "held")
+    rewritten(path, **{f"measured_{name}": getattr(simulated.measured, name)[:-1] for name in names})
+    with pytest.raises(InputError, match="grasps: measured: of"):
+        GraspSet.load(path)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "g.npz")
+    for path in (tmp_path, tmp_path / "g.npz"):
+        with pytest.raises(InputError, match="a folder or a device"):
+            GraspSet.load(path)
 
 
 def rewritten(path, **changes):
@@ -153,10 +237,10 @@ def test_what_is_much_larger_unpacked_is_not_unpacked(grasps, tmp_path, monkeypa
         GraspSet.load(tmp_path / "g.npz")
 
 
-def test_nothing_is_pickled(grasps, tmp_path):
-    grasps.save(tmp_path / "g.npz")
+def test_nothing_is_pickled(simulated, tmp_path):
+    simulated.save(tmp_path / "g.npz")
     with np.load(io.BytesIO((tmp_path / "g.npz").read_bytes()), allow_pickle=False) as file:
-        assert all(file[name].dtype.kind in "fiU" for name in file.files)
+        assert all(file[name].dtype.kind in "bfiU" for name in file.files)
 
 
 def test_a_set_that_is_no_set_is_refused(grasps):

@@ -184,7 +184,7 @@ def test_the_record_follows_the_candidates_through_the_stages(gripper, made):
         "pad standing",
         "hand collision",
         "stability",
-        "way open",
+        "closing fingers",
         "both ways round",
     ]
     stages = {s.name: s for s in record}
@@ -192,7 +192,8 @@ def test_the_record_follows_the_candidates_through_the_stages(gripper, made):
     assert stages["pad standing"].taken == DEFAULTS.n_da * stages["stroke collision"].kept
     assert stages["hand collision"].taken == stages["pad standing"].kept
     assert stages["stability"].taken == stages["hand collision"].kept
-    assert stages["both ways round"].kept == 2 * stages["stability"].kept
+    assert stages["closing fingers"].taken == stages["stability"].kept
+    assert stages["both ways round"].kept == 2 * stages["closing fingers"].kept
     for stage in record[5:-1]:
         assert stage.taken == stage.kept + sum(stage.dropped.values())
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import shlex
 from hashlib import sha256
 from math import pi, radians
 from pathlib import Path
@@ -12,12 +14,20 @@ import trimesh
 from msgspec.structs import replace
 
 from kumitate.errors import InputError, UnknownNameError
+from kumitate.grasping.grasps import GraspSet
+from kumitate.grasping.measured import Measured
+from kumitate.grasping.part import Part
+from kumitate.grasping.store import cached_grasps
 from kumitate.robots import library
 from kumitate.tasks.cell import build_cell, robot_of
-from kumitate.tasks.task import At, Grasping, Mounted, Obstacle, OwnRobot, PartEntry, Task
+from kumitate.tasks.cli import main
+from kumitate.tasks.deadline import Deadline
+from kumitate.tasks.job import Job
+from kumitate.tasks.planner import plan
+from kumitate.tasks.task import At, Goal, Grasping, Mounted, Obstacle, OwnRobot, PartEntry, Place, Task
 from kumitate.tasks.task_checks import grasp_parameters
 from kumitate.tasks.task_file import read_task
-from kumitate.transforms import pose
+from kumitate.transforms import pose, pose_distance
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "wheel_support"
 PARTS = EXAMPLES.parent / "parts"
@@ -205,3 +215,136 @@ def test_a_robot_and_a_hand_of_ones_own_come_from_their_files(tmp_path):
     np.testing.assert_allclose(robot.hand_pose("left", robot.home), same.hand_pose("left", same.home), atol=1e-12)
     with pytest.raises(UnknownNameError, match="ready"):
         robot_of(_task(robot=replace(own, home="ready"), hands={}), tmp_path)
+
+
+# What was measured of grasps ------------------------------------------------------------------------------------------
+
+COARSE = Grasping(t_rnn=0.006, n_da=4)
+
+
+@pytest.fixture
+def wheel_here(tmp_path):
+    """The wheel, its mesh in a folder of its own."""
+    (tmp_path / "wheel.stl").write_bytes((PARTS / "wheel.stl").read_bytes())
+    return replace(WHEEL, mesh="wheel.stl", grasps=COARSE)
+
+
+def planned(entry, folder, hand="robotiq_2f85"):
+    """The grasps of a part that are planned."""
+    part = Part.load(folder / entry.mesh, unit=entry.unit, mass=entry.mass, density=entry.density)
+    return cached_grasps(part, library.load_hand(hand), grasp_parameters(entry))
+
+
+def saved(grasps, held, path):
+    """Write ``grasps`` as if all had been tried and those of the mask ``held`` had held."""
+    n = len(grasps)
+    measured = Measured(np.ones(n, dtype=bool), *np.zeros((3, n)), held)
+    dataclasses.replace(grasps, measured=measured).save(path)
+
+
+def with_files(entry, *files, hands=HANDS):
+    return _task(hands=hands, parts={"wheel": replace(entry, grasps=replace(entry.grasps, measured=files))})
+
+
+@pytest.mark.parametrize(
+    ("hands", "measured"),
+    [
+        (HANDS, {"robotiq_2f85"}),
+        ({"left": "robotiq_2f85", "right": "suction_cup"}, {"suction_cup"}),
+        ({"left": "robotiq_2f85", "right": "suction_cup"}, {"suction_cup", "robotiq_2f85"}),
+    ],
+)
+def test_each_arm_has_what_was_measured_of_its_hand(wheel_here, tmp_path, hands, measured):
+    for hand in measured:
+        grasps = planned(wheel_here, tmp_path, hand)
+        saved(grasps, np.arange(len(grasps)) % 2 == 0, tmp_path / f"{hand}.npz")
+    files = [f"{hand}.npz" for hand in sorted(measured)]
+    simulated = build_cell(with_files(wheel_here, *files, hands=hands), tmp_path).simulated
+    assert set(simulated) == {("wheel", arm) for arm, hand in hands.items() if hand in measured}
+    for (_, arm), grasps in simulated.items():
+        assert (grasps.part, grasps.hand) == ("wheel", hands[arm])
+        assert len(grasps.held()) == (len(grasps) + 1) // 2 > 0
+
+
+def test_hands_that_differ_in_name_alone_share_a_file(wheel_here, tmp_path):
+    shipped = Path(library.__file__).parent
+    text = (shipped / "suction_cup.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(text.replace("name: suction_cup", "name: mine"), encoding="utf-8")
+    (tmp_path / "suction_cup.urdf").write_bytes((shipped / "suction_cup.urdf").read_bytes())
+    grasps = planned(wheel_here, tmp_path, "suction_cup")
+    saved(grasps, np.arange(len(grasps)) % 2 == 0, tmp_path / "cup.npz")
+    task = with_files(wheel_here, "cup.npz", hands={"left": "mine.yaml", "right": "suction_cup"})
+    job = Job(build_cell(task, tmp_path), 0, Deadline(600.0))
+    held = [job.grasps("wheel", arm) for arm in ("left", "right")]
+    assert [some.hand for some in held] == ["mine", "suction_cup"]
+    assert len(held[0]) == len(held[1]) == (len(grasps) + 1) // 2 > 0
+
+
+def test_a_plan_takes_a_part_only_with_grasps_that_held(wheel_here, tmp_path):
+    goal = Goal(place=Place("wheel", At((0.4, 0.25, -0.05), (pi / 2, 0, 0))))
+
+    def taken(task):
+        """How the hands take the part (k, 4, 4)."""
+        actions = plan(replace(task, goals=(goal,)), tmp_path, seed=1).actions
+        taking = [action for action in actions if any(event.kind == "attach" for event in action.events)]
+        return np.array([action.grasp.part_from_hand for action in taking])
+
+    grasps = planned(wheel_here, tmp_path)
+    (freely,) = taken(_task(parts={"wheel": wheel_here}))
+    held = pose_distance(grasps.part_from_hand, freely)[1] > radians(40.0)
+    held &= (pose(WHEEL.at.xyz, WHEEL.at.rpy) @ grasps.part_from_hand)[:, 2, 2] < -0.5  # from above
+    saved(grasps, held, tmp_path / "wheel.npz")
+    found = taken(with_files(wheel_here, "wheel.npz"))
+    assert len(found) > 0
+    for grasp in found:
+        same = np.abs(grasps.part_from_hand - grasp).max(axis=(1, 2)) < 1e-9
+        assert same.any()
+        assert held[same].all()
+
+
+def test_files_of_other_grasps_are_refused_and_the_cure_gives_the_right_ones(wheel_here, tmp_path, monkeypatch):
+    entry = replace(wheel_here, grasps=replace(COARSE, theta_parl=radians(165.0)))
+    right, path = planned(entry, tmp_path), tmp_path / "wheel.npz"
+    others = (
+        planned(wheel_here, tmp_path),  # with other parameters
+        planned(replace(entry, mass=0.06), tmp_path),
+        planned(replace(entry, mesh=str(PARTS / "support.stl")), tmp_path),
+        dataclasses.replace(right, key=""),
+    )
+    told = {}
+    for grasps in (*others, right):
+        saved(grasps, np.ones(len(grasps), dtype=bool), path)
+        if grasps is right:
+            dataclasses.replace(right).save(path)
+        with pytest.raises(InputError) as caught:
+            build_cell(with_files(entry, "wheel.npz"), tmp_path)
+        assert caught.value.place == "parts.wheel.grasps.measured[0]"
+        told[caught.value.problem] = caught.value.cure
+    of_wheel, of_support, unmeasured = told
+    assert of_wheel.startswith("wheel.npz has other grasps (of wheel by robotiq_2f85) than those planned here:")
+    assert "(of support by robotiq_2f85)" in of_support
+    assert unmeasured == "nothing was measured of the grasps in wheel.npz"
+    (command,) = {cure.split("`")[1] for cure in told.values()}
+    name, subject, *options = shlex.split(command)
+    assert (name, subject, options[-1]) == ("kumitate", "simulate", "--output=wheel.npz")
+    monkeypatch.chdir(tmp_path)
+    assert main(["grasps", *options]) == 0
+    assert GraspSet.load(path).key == right.key != ""
+
+
+def test_files_that_no_arm_has_use_for_are_refused(wheel_here, tmp_path):
+    for hand in ("suction_cup", "robotiq_2f85"):
+        grasps = planned(wheel_here, tmp_path, hand)
+        saved(grasps, np.ones(len(grasps), dtype=bool), tmp_path / f"{hand}.npz")
+    (tmp_path / "again.npz").write_bytes((tmp_path / "robotiq_2f85.npz").read_bytes())
+    for files, words in (
+        (("suction_cup.npz",), "suction_cup.npz has grasps by suction_cup, which no arm has"),
+        (("robotiq_2f85.npz", "again.npz"), "again.npz is a second file of wheel by robotiq_2f85"),
+    ):
+        with pytest.raises(InputError, match=words) as caught:
+            build_cell(with_files(wheel_here, *files), tmp_path)
+        assert caught.value.place == f"parts.wheel.grasps.measured[{len(files) - 1}]"
+    (tmp_path / "again.npz").write_bytes(b"PK")
+    with pytest.raises(InputError, match="no grasp set") as caught:
+        build_cell(with_files(wheel_here, "again.npz"), tmp_path)
+    assert caught.value.place == str(tmp_path / "again.npz")

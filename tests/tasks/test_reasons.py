@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
+import numpy as np
 import pytest
-from infeasible import ONE, PUT_ASIDE, TABLE, TWO, folder, moving, refusal
+from infeasible import BLOCK, MESHES, ONE, PUT_ASIDE, TABLE, TWO, folder, moving, refusal
 from msgspec.structs import replace
 
 from kumitate.errors import TimeLimitError
+from kumitate.grasping.measured import Measured
+from kumitate.grasping.part import Part
+from kumitate.grasping.store import cached_grasps
 from kumitate.regrasp.diagnosis import Cause
+from kumitate.robots.library import load_hand
 from kumitate.tasks.planner import plan
 from kumitate.tasks.reasons import NoPlanError, Report, funnel
 from kumitate.tasks.task import At, Goal, HandOver, Place
+from kumitate.tasks.task_checks import grasp_parameters
 from kumitate.tasks.verify import verify
 
 LONG = "a ring on a post with a head"
@@ -59,6 +66,41 @@ def test_two_causes_that_compete_are_both_named_with_their_counts(name):
 @pytest.mark.parametrize("name", ONE | TWO)
 def test_without_the_cause_there_is_a_plan(name):
     assert verify(plan((ONE | TWO)[name].cured, folder())).ok
+
+
+def unsteady(tmp_path, held, goal):
+    """A heavy block of whose grasps by the gripper ``held`` held, for a gripper and a cup; and how many there are."""
+    MESHES["block"]().export(tmp_path / "block.stl")
+    entry = replace(BLOCK, mass=2.0)
+    part = Part.load(tmp_path / entry.mesh, unit=entry.unit, mass=entry.mass)
+    grasps = cached_grasps(part, load_hand("robotiq_2f85"), grasp_parameters(entry))
+    n = len(grasps)
+    measured = Measured(np.ones(n, dtype=bool), *np.zeros((3, n)), np.arange(n) < held)
+    dataclasses.replace(grasps, measured=measured).save(tmp_path / "block.npz")
+    entry = replace(entry, grasps=replace(entry.grasps, measured=("block.npz",)))
+    return replace(moving("block", entry, goal), hands={"left": "robotiq_2f85", "right": "suction_cup"}), n
+
+
+def test_that_no_grasp_held_in_simulation_is_named_first(tmp_path):
+    task, n = unsteady(tmp_path, 0, PUT_ASIDE.goals[0])
+    with pytest.raises(NoPlanError, match="robotiq_2f85 has no grasp, none held in simulation: block; suc") as caught:
+        plan(task, tmp_path)
+    report = caught.value.report
+    assert report.where == "no grasp of block works where it is"
+    assert report.causes[0] == (Cause("robotiq_2f85 has no grasp, none held in simulation:", ("block",)), n)
+    second, fallen = report.causes[1]
+    assert second == Cause("suction_cup has no grasp, turns under gravity:", ("block",))
+    assert fallen > n
+    assert f"0 of {n} grasps of block by robotiq_2f85 held in simulation" in list(report)
+
+
+def test_how_many_grasps_held_in_simulation_is_told_where_others_are_not_used(tmp_path):
+    task, n = unsteady(tmp_path, 7, Goal(place=Place("block", At((0.5, 0.6, 0.01)))))
+    with pytest.raises(NoPlanError) as caught:
+        plan(task, tmp_path)
+    lines = list(caught.value.report)
+    assert f"7 of {n} grasps of block by robotiq_2f85 held in simulation" in lines
+    assert any(line.startswith("block, at its goal, left arm: 7 grasps planned, 7 looked at, 0 work") for line in lines)
 
 
 def test_a_time_that_is_too_short_is_no_cause_in_the_cell():

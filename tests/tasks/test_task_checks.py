@@ -13,6 +13,7 @@ from kumitate.tasks.task import (
     Area,
     At,
     Goal,
+    Grasping,
     HandOver,
     Insert,
     Mounted,
@@ -71,6 +72,18 @@ def test_a_region_is_a_box_with_three_finite_sides(side):
     part = replace(PEN, no_touch=regions)
     assert _wrong(replace(TASK, parts={"pen": part})) == [("parts", "pen", "no_touch", 1, "box")]
     assert _wrong(replace(TASK, parts={"pen": replace(PEN, no_touch=regions[:1])})) == []
+
+
+@pytest.mark.parametrize("name", ["", "/pen.npz", "../../pen.npz", "made/../pen.npz", "C:\\pen.npz", "..\\..\\pen.npz"])
+def test_files_of_what_was_measured_lie_where_meshes_may(tmp_path, name):
+    def wrong(*measured, mesh=PEN.mesh, folder=None):
+        part = replace(PEN, mesh=mesh, grasps=Grasping(measured=measured))
+        return [mistake.keys[2:] for mistake in mistakes(replace(TASK, parts={"pen": part}), folder)]
+
+    assert wrong("pen.npz", name) == [("grasps", "measured", 1)]
+    assert wrong(mesh=name) == [("mesh",)]
+    assert wrong("pen.npz", "../made/pen.npz") == []
+    assert wrong("pen.npz", folder=tmp_path) == [("mesh",), ("grasps", "measured", 0)]
 
 
 @pytest.mark.parametrize("corner", [(0.1, 0.5), (0.5, 0.1), (nan, 0.5), (0.5, inf)])
