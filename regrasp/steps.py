@@ -238,7 +238,8 @@ class Motions:
     ) -> None:
         """Bring arms to ``joints`` (dof,) each; arms that carry nothing and are not named go home meanwhile.
 
-        With ``opening`` a hand is first brought to another opening [m].
+        Where those named are there already, it is a transit of the others. With ``opening`` a hand is first brought to
+        another opening [m].
 
         Raises:
             StepError: The motion was not found.
@@ -254,6 +255,8 @@ class Motions:
         moving = [n for n, a in robot.arms.items() if np.abs(goal - self.state.q)[a.indices].max() > _STILL]
         if not moving:
             return
+        if joints.keys().isdisjoint(moving):  # what these hold, if anything, stays where it is
+            kind, words, part, grasp = "transit", f"{' and '.join(moving)} arm goes home", None, None
         still = np.ones(len(goal), dtype=bool)
         still[robot.indices(moving)] = False
         goal[still] = self.state.q[still]

@@ -91,6 +91,8 @@ def _planned(task: Task, folder: str | Path, seed: int, deadline: Deadline) -> P
             job.grasps(part, arm)
     clock.stage("grasps")
     goals = _reach_all(job)
+    if not job.motions.steps:
+        raise InputError("goals", "all are reached before anything moves", "give at least one that is not")
     clock.stage("regrasps and motions")
     written = task_to_builtins(task)
     made = Plan(

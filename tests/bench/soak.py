@@ -148,7 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             seconds[kind].append(time.perf_counter() - before)
         except UnverifiedError as error:
             reasons.append(f"{number} ({kind}): NOT VERIFIED: {error}")
-        except PlanningError as error:
+        except (InputError, PlanningError) as error:
             reasons.append(f"{number} ({kind}): {error}")
         most = max(most, memory())
         print(f"{number} {kind}: {time.perf_counter() - before:.1f} s, {memory():.0f} MB, {files()} files", flush=True)

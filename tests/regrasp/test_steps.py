@@ -123,6 +123,20 @@ def test_events_say_who_takes_the_part_and_when(job):
             assert opening == (step.start.openings["right"], step.end.openings["right"])
 
 
+def test_where_the_named_arm_is_there_already_the_others_go_home_with_nothing(job):
+    robot, motions = job.table.robot, job.whole()
+    left, right = robot.arm("left").indices, robot.arm("right").indices
+    up = robot.home[left] + 0.1
+    motions.free({"left": up, "right": motions.state.q[right]}, "transit", "left arm moves away", None)
+    assert motions.steps[-1].arms == ("left",)
+    motions.free(
+        {"right": motions.state.q[right]}, "transfer", "right arm carries it", PART, grasp=job.holder.row(job.grasp)
+    )
+    step = motions.steps[-1]
+    assert (step.kind, step.arms, step.part, step.grasp) == ("transit", ("left",), None, None)
+    np.testing.assert_array_equal(step.end.q[left], robot.home[left])
+
+
 def test_fingers_stay_below_their_speed(job):
     hand = job.table.robot.hands["right"]
     for step in job.motions.steps:

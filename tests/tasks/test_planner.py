@@ -220,6 +220,12 @@ def test_an_arm_makes_way_with_what_it_holds(block_task, block_folder):
     assert made.actions[-1].end.attached["block"].carrier == "left"
 
 
+def test_goals_that_are_reached_from_the_start_are_told(block_task, block_folder):
+    goal = Goal(place=Place("block", area=Area("table")))
+    with pytest.raises(InputError, match="goals: all are reached before anything moves"):
+        plan(replace(block_task, goals=(goal,)), block_folder)
+
+
 @pytest.mark.slow
 def test_parts_go_into_an_area_side_by_side(block_task, block_folder):
     area = Area("table", ((0.3, 0.05), (0.45, 0.2)))
