@@ -27,7 +27,7 @@ from .task_file import task_of
 
 STEP = 0.02  # s
 _SHORTEST_STEP = 1e-3  # s
-_MOST_POINTS = 1_000_000
+_MOST_POINTS = 100_000  # some hundred megabytes
 _NANO = 1_000_000_000
 _SLOPE_STEP = 1e-5  # m, of an opening
 _ROUNDING = 1e-6  # of a step
@@ -104,8 +104,8 @@ def trajectories(plan: Plan, step: float = STEP) -> list[Stretch]:
         step: Longest time between two points [s].
 
     Raises:
-        InputError: Robot or task are not to be had as they were, or ``step`` is below a millisecond or gives millions
-            of points.
+        InputError: Robot or task are not to be had as they were, or ``step`` is below a millisecond or gives hundreds
+            of thousands of points.
     """
     robot = _robot(plan, step)
     stretches, start = [], 0.0

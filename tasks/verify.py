@@ -92,6 +92,8 @@ def _malformed(action: Action, cell: Cell) -> Iterator[tuple[str, str]]:
     named |= {action.part or ""} - {"", *parts}
     if named or not action.arms:
         yield "names", f"unknown: {', '.join(sorted(named)) or 'no arm is named'}"
+    if len(set(action.arms)) < len(action.arms):
+        yield "names", "an arm is named twice"
     if action.goal is not None and not 0 <= action.goal < len(cell.task.goals):
         yield "names", f"there is no goal {action.goal}"
     for what, state in (("start", action.start), ("end", action.end)):

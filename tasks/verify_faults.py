@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 FAULTS = {
     "format": "The document is of another format, an array has the wrong length, or a number is not finite.",
-    "names": "An arm, part, carrier or goal is named that the task does not have.",
+    "names": "An arm, part, carrier or goal is named that the task does not have, or an arm twice.",
     "joints": "The joints are not those of the robot, each once.",
     "times": "The times of a motion do not increase from zero, or an event lies outside its action.",
     "mesh": "A mesh is missing, cannot be read, or is not the one that the task names.",

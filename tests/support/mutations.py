@@ -151,6 +151,10 @@ def an_unknown_carrier(plan: Plan) -> Plan:
     return with_action(plan, i, events=(Event(0.0, "attach", part, "third hand"),))
 
 
+def an_arm_named_twice(plan: Plan) -> Plan:
+    return with_action(plan, 0, arms=2 * plan.actions[0].arms)
+
+
 def an_unknown_goal(plan: Plan) -> Plan:
     return with_action(plan, 0, goal=len(plan.task["goals"]))
 
@@ -675,6 +679,7 @@ ANYWHERE: dict[Mutation, str] = {
     a_pose_that_is_none: "format",
     an_unknown_carrier: "names",
     an_unknown_goal: "names",
+    an_arm_named_twice: "names",
     time_stands_still: "times",
     an_event_after_the_end: "times",
     a_joint_too_few: "joints",

@@ -188,7 +188,7 @@ def test_more_points_than_anybody_can_use_are_refused(plan):
     action = plan.actions[0]
     motion = replace(action.motion, times=tuple(1e9 * time for time in action.motion.times))
     for export in (trajectories, table):
-        with pytest.raises(InputError, match=r"step: .*more than 1000000 points"):
+        with pytest.raises(InputError, match=r"step: .*more than 100000 points"):
             export(replace(plan, actions=(replace(action, motion=motion), *plan.actions[1:])))
 
 
