@@ -21,7 +21,7 @@ from ..robots.shapes import Shape
 from ..transforms import Array, transform_points
 from .surface import wedges
 
-TIME_STEP = 5e-4  # s, while fingers close: shorter ones change where a part ends by less than 0.05 mm
+TIME_STEP = 5e-4  # s, as long as hand and part are apart; see physics/trial.py
 TABLE_FRICTION = 0.3  # part on table
 METAL_FRICTION = 0.3  # part on what carries no pad
 _TORSION, _ROLLING = 3e-3, 1e-5  # m: where MuJoCo knows a point, bodies touch in a patch
@@ -43,16 +43,20 @@ class World:
     Attributes:
         model: MuJoCo's model.
         part: Body of the part.
+        table: Body of the table.
         pads: Bodies that carry the pads, in the hand's order, or a cup's lip.
         joints: First address of the finger joints, or of the way of a cup along its approach, in ``qpos``.
         free: First address of the part in ``qpos``, and in ``qvel``.
+        lip: Shapes of a cup's lip; none for fingers.
     """
 
     model: mujoco.MjModel
     part: int
+    table: int
     pads: tuple[int, ...]
     joints: int
     free: tuple[int, int]
+    lip: tuple[int, ...]
 
 
 def build_world(part: Part, hand: Hand) -> World:
@@ -74,9 +78,11 @@ def build_world(part: Part, hand: Hand) -> World:
     return World(
         model=model,
         part=model.body("part").id,
+        table=model.body("table").id,
         pads=tuple(model.body(bodies[pad.joint].name).id for pad in hand.pads) or (model.body("base").id,),
         joints=int(model.joint(hand.joint_names[0] if hand.pads else "press").qposadr[0]),
         free=(int(joint.qposadr[0]), int(joint.dofadr[0])),
+        lip=tuple(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE).tolist()) if hand.lip else (),
     )
 
 
@@ -103,7 +109,10 @@ def _add_fingers(spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], hand: Hand) 
 
 
 def _add_cup(spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], hand: Hand) -> None:
-    """The drive along the approach, the lip as a ring of balls that stand out by half of what it gives, the vacuum."""
+    """The drive along the approach, and the lip: a ring of balls that stand out by half of what it gives.
+
+    Each pulls with its share of the vacuum's force; trials switch it off and on.
+    """
     assert hand.lip is not None
     base, placement = bodies[0], hand.base_from_hand([0.0])[0]
     base.add_joint(name="press", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=placement[:3, 2], armature=_ROTOR)
@@ -111,14 +120,13 @@ def _add_cup(spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], hand: Hand) -> N
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_LIP_BALLS)], axis=1) * hand.lip.radius
     ring[:, 2] = hand.lip.compliance / 2.0 - _LIP_BALL
     for center in transform_points(placement, ring):
-        size, bits = [_LIP_BALL, 0.0, 0.0], {"contype": _FINGERS, "conaffinity": _TABLE}
-        _add_geom(base, "sphere", size, hand.friction, pos=center, **bits)
+        _add_geom(
+            base, "sphere", [_LIP_BALL, 0.0, 0.0], hand.friction, pos=center, contype=_FINGERS, conaffinity=_TABLE,
+            adhesion=hand.lip.force / _LIP_BALLS, gap=hand.lip.compliance,  # it pulls on what has come off by less
+        )  # fmt: skip
     press = spec.add_actuator(name="motor", trntype=mujoco.mjtTrn.mjTRN_JOINT, target="press")
     press.set_to_position(kp=_PRESS, kv=2.0 * np.sqrt(_PRESS))
     press.forcelimited, press.forcerange = True, [-1.0, 1.0]
-    vacuum = spec.add_actuator(name="vacuum", trntype=mujoco.mjtTrn.mjTRN_BODY, target="base")
-    vacuum.set_to_adhesion(gain=hand.lip.force)
-    vacuum.ctrllimited, vacuum.ctrlrange = True, [0.0, 1.0]
 
 
 def _add_shapes(spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], hand: Hand) -> None:

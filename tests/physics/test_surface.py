@@ -1,0 +1,68 @@
+"""The surface as wedges: they tile it, lie inside, and are convex."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from kumitate.physics.surface import convex_polygons, wedges
+from kumitate.robots.shapes import winding_number
+
+SHAPES = {
+    "box": lambda: trimesh.creation.box((0.04, 0.03, 0.02)),
+    "ring": lambda: trimesh.creation.annulus(0.01, 0.02, 0.015),
+    "ball": lambda: trimesh.creation.icosphere(2, 0.02),
+    "sheet": lambda: trimesh.creation.box((0.05, 0.05, 0.0004)),
+    "corner": lambda: trimesh.boolean.union([box((0.04, 0.01, 0.01), 0.02), box((0.01, 0.04, 0.01), 0.005)]),
+}
+
+
+def box(sides, x: float) -> trimesh.Trimesh:
+    """A box with its middle at (x, half its width, 0)."""
+    return trimesh.creation.box(sides, trimesh.transformations.translation_matrix([x, sides[1] / 2.0, 0.0]))
+
+
+@pytest.fixture(params=SHAPES)
+def mesh(request) -> trimesh.Trimesh:
+    return SHAPES[request.param]()
+
+
+def area(points: np.ndarray) -> float:
+    spokes = points - points.mean(axis=0)
+    return float(np.linalg.norm(np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0))) / 2.0
+
+
+def test_polygons_tile_the_surface_and_are_convex(mesh):
+    rings = convex_polygons(mesh)
+    assert sum(area(mesh.vertices[ring]) for ring, _ in rings) == pytest.approx(mesh.area, rel=1e-9)
+    for ring, face in rings:
+        points = mesh.vertices[ring]
+        normal = mesh.face_normals[face]
+        np.testing.assert_allclose((points - points[0]) @ normal, 0.0, atol=1e-9)
+        frame = trimesh.geometry.plane_transform(points[0], normal)
+        flat = trimesh.transform_points(points, frame)[:, :2]
+        assert area(points) == pytest.approx(ConvexHull(flat).volume, rel=1e-6)
+
+
+def test_flat_faces_of_a_box_are_one_polygon_each():
+    assert len(convex_polygons(SHAPES["box"]())) == 6
+
+
+def test_a_hollow_face_is_cut_but_not_filled():
+    """The end of a ring: its hole stays open, and there are fewer polygons than triangles."""
+    mesh = SHAPES["ring"]()
+    rings = convex_polygons(mesh)
+    assert len(rings) < len(mesh.faces)
+    corners = wedges(mesh)
+    middle = min(np.linalg.norm(points[:, :2].mean(axis=0)) for points in corners)
+    assert middle > 0.009  # nothing reaches over the hole
+
+
+def test_wedges_lie_inside(mesh):
+    for points in wedges(mesh):
+        outer, inner = np.split(points, 2)
+        assert ConvexHull(points).volume > 0.0
+        inside = np.concatenate([inner, 0.5 * (inner + outer), points.mean(axis=0, keepdims=True)])
+        assert (winding_number(mesh, inside) > 0.5).all()

@@ -1,0 +1,83 @@
+"""Trials of a set: which grasps are tried, once for every two that are mirrored, and what is kept of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from kumitate.grasping.part import Part
+from kumitate.grasping.planner import plan_grasps
+from kumitate.physics.trials import STEEPEST, on_the_table, run_trials
+from kumitate.regrasp.placements import find_placements
+from kumitate.robots.library import load_hand
+from kumitate.transforms import invert, transform_points
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_hand("robotiq_2f85")
+
+
+@pytest.fixture(scope="module")
+def part() -> Part:
+    return Part.from_mesh(trimesh.creation.box((0.03, 0.04, 0.06)), mass=0.1, name="block")
+
+
+@pytest.fixture(scope="module")
+def grasps(part, hand):
+    return plan_grasps(part, hand)
+
+
+@pytest.fixture(scope="module")
+def placements(part):
+    return find_placements(part)
+
+
+@pytest.fixture(scope="module")
+def trials(part, hand, grasps, placements):
+    return run_trials(part, hand, grasps, placements, count=12, off=1e-3)
+
+
+def test_only_hands_from_above_that_clear_the_table_are_tried(hand, grasps, placements):
+    tried, placement = on_the_table(hand, grasps, placements)
+    assert 0 < len(tried) < len(grasps)
+    for i, k in zip(tried[:40], placement[:40], strict=True):
+        surface_from_hand = placements.surface_from_part[k] @ grasps.part_from_hand[i]
+        assert surface_from_hand[2, 2] <= -np.cos(STEEPEST)
+        for opening in np.linspace(grasps.opening[i], grasps.approach_opening[i], 9):
+            base = surface_from_hand @ invert(hand.base_from_hand([grasps.opening[i]]))[0]
+            for piece, at in zip(hand.pieces, hand.base_from_piece([opening])[0], strict=True):
+                assert transform_points(base @ at, piece.mesh.vertices)[:, 2].min() > 0.0
+
+
+def test_each_grasp_is_tried_where_its_approach_is_steepest(hand, grasps, placements):
+    tried, placement = on_the_table(hand, grasps, placements)
+    down = -np.einsum("kj,nj->nk", placements.surface_from_part[:, 2, :3], grasps.part_from_hand[tried, :3, 2])
+    for row, k in zip(down, placement, strict=True):
+        steeper = row > row[k] + 1e-9
+        assert not steeper.any() or row[k] >= np.cos(STEEPEST)  # a steeper one is only left where the hand meets the table
+
+
+def test_of_two_mirrored_grasps_one_is_simulated(trials, grasps):
+    run = trials.seconds > 0.0
+    assert 0 < run.sum() < len(trials)
+    half_turn = np.diag([-1.0, -1.0, 1.0, 1.0])
+    poses = grasps.part_from_hand[trials.grasp]
+    for i in np.flatnonzero(~run):
+        same = np.abs(poses[run] @ half_turn - poses[i]).max(axis=(1, 2)) < 1e-6
+        assert same.sum() == 1
+        np.testing.assert_array_equal(trials.shift[run][same][0], trials.shift[i])
+
+
+def test_what_was_measured_goes_to_its_grasps(trials, grasps):
+    measured = trials.measured(len(grasps))
+    assert measured.tried.sum() == len(trials) == 12
+    np.testing.assert_array_equal(np.flatnonzero(measured.tried), trials.grasp)
+    np.testing.assert_array_equal(measured.shift[trials.grasp], trials.displacement)
+    np.testing.assert_array_equal(measured.held[trials.grasp], trials.held)
+
+
+def test_a_hand_that_stands_off_by_a_millimetre_moves_the_part_by_about_as_much(trials):
+    assert trials.held.all()
+    assert 5e-4 < trials.displacement.max() < 1.5e-3  # a part that is turned moves a little more
