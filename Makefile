@@ -4,7 +4,7 @@ VENV := .venv
 export OPENBLAS_NUM_THREADS := 1
 BIN := $(VENV)/bin
 
-.PHONY: demo examples test slow bench fuzz soak lint clean
+.PHONY: demo examples test slow bench experiments fuzz soak lint clean
 
 demo: $(VENV)/ready
 	mkdir -p out
@@ -21,6 +21,11 @@ slow: $(VENV)/ready
 
 bench: $(VENV)/ready
 	for bench in tests/bench/bench_*.py; do $(BIN)/python $$bench || exit 1; done
+
+experiments: $(VENV)/ready
+	$(BIN)/python tests/bench/experiments.py
+	$(BIN)/python tests/bench/tunables.py
+	$(BIN)/python tests/bench/costs.py
 
 fuzz: $(VENV)/ready
 	$(BIN)/python tests/fuzz/run.py

@@ -17,13 +17,12 @@ from ..transforms import Array, invert, rotation_angle, transform_points
 from .world import TIME_STEP, World, quaternion
 
 GRAVITY = 9.81  # m/s2
-LIFT, LIFT_TIME = 0.1, 0.5  # m, s
-SHAKE, TWIST, SHAKE_TIME = 5.0, 20.0, 0.1  # m/s2 along and rad/s2 about each axis, a period each [s]
-# s, of simulation: while the fingers press, longer steps let a part drift by some tenths of a millimetre; once it is held
-# they do no harm.
-_PRESS_STEP, _HELD_STEP = 2.5e-4, 1e-3
+LIFT, LIFT_TIME = 0.1, 0.4  # m, s
+SHAKE, TWIST, SHAKE_TIME = 5.0, 20.0, 0.08  # m/s2 along and rad/s2 about each axis, a period each [s]
+_HELD_STEP = 1e-3  # s, of simulation once the part is held
 _LOST, _TURNED = 0.01, np.radians(20.0)  # m, rad: who moves farther in the hand is not held
-_PATIENCE = 0.3  # s from when the fingers should be closed
+_PATIENCE = 0.2  # s from when the fingers should be closed
+_FREE = 5e-4  # m, of the opening: how near fingers come before there is anything to simulate
 _STILL = 2e-3  # m/s, opening per time: slower fingers have closed
 _ABOVE, _PRESSING, _PRESS_TIME = 5e-3, 5.0, 0.2  # m, N and s: where a cup comes from, how it presses, how long it takes
 _FIXED = 1e4  # N
@@ -109,24 +108,26 @@ class _Trial:
 
     def close(self, hand: Hand, opening: float, approach_opening: float) -> None:
         """Drive the fingers at the hand's speed until they stand, with no more than its force."""
+        first, count, leader = self.world.joints, len(hand.joint_names), hand.mechanism.leader
+        for before in np.arange(approach_opening, opening, -_FREE):
+            start = before  # what is not touched does not move: until then there is nothing to simulate
+            self.data.qpos[first : first + count] = hand.joint_positions([max(before - _FREE, opening)])[0]
+            mujoco.mj_kinematics(self.model, self.data)
+            mujoco.mj_collision(self.model, self.data)
+            if self.met():
+                break
+        self.data.qpos[first : first + count] = hand.joint_positions([start])[0]
         near = np.clip([opening - 1e-4, opening + 1e-4], *hand.stroke)
-        before, after = hand.joint_positions(near)[:, hand.mechanism.leader]
-        per_opening = (after - before) / (near[1] - near[0])  # of the driver's position
-        first = self.world.joints
-        count = len(hand.joint_names)
-        self.data.qpos[first : first + count] = hand.joint_positions([approach_opening])[0]
+        low, high = hand.joint_positions(near)[:, leader]
+        per_opening = (high - low) / (near[1] - near[0])  # of the driver's position
         force = hand.grip_force / abs(per_opening)  # the motor's work is that of the pads on their way
         self.model.actuator_forcerange[0] = -force, force
         self.data.ctrl[0] = -2.0 * hand.speed * per_opening
-        expected = (approach_opening - opening) / (2.0 * hand.speed)
-        while not self.met() and self.data.time < expected + _PATIENCE:
-            mujoco.mj_step(self.model, self.data)
-        self.model.opt.timestep = _PRESS_STEP
-        driver, still = first + hand.mechanism.leader, _STILL * abs(per_opening) * _LOOK
-        while self.data.time < expected + _PATIENCE:
-            last = self.data.qpos[driver]
-            mujoco.mj_step(self.model, self.data, round(_LOOK / _PRESS_STEP))
-            if abs(self.data.qpos[driver] - last) <= still and self.touching():
+        still = _STILL * abs(per_opening) * _LOOK
+        for _ in range(round(((start - opening) / (2.0 * hand.speed) + _PATIENCE) / _LOOK)):
+            last = self.data.qpos[first + leader]
+            mujoco.mj_step(self.model, self.data, round(_LOOK / TIME_STEP))
+            if abs(self.data.qpos[first + leader] - last) <= still and self.touching():
                 break
 
     def suck(self, lip: Lip, base_from_hand: Array) -> None:

@@ -90,10 +90,8 @@ def _malformed(action: Action, cell: Cell) -> Iterator[tuple[str, str]]:
     named = set(action.arms) - set(arms) | {event.part for event in action.events} - set(parts)
     named |= {event.carrier for event in action.events} - carriers
     named |= {action.part or ""} - {"", *parts}
-    if named or not action.arms:
-        yield "names", f"unknown: {', '.join(sorted(named)) or 'no arm is named'}"
-    if len(set(action.arms)) < len(action.arms):
-        yield "names", "an arm is named twice"
+    if named or not 0 < len(set(action.arms)) == len(action.arms):
+        yield "names", f"unknown: {', '.join(sorted(named))}" if named else "no arm is named, or one twice"
     if action.goal is not None and not 0 <= action.goal < len(cell.task.goals):
         yield "names", f"there is no goal {action.goal}"
     for what, state in (("start", action.start), ("end", action.end)):

@@ -56,7 +56,9 @@ def test_each_grasp_is_tried_where_its_approach_is_steepest(hand, grasps, placem
     down = -np.einsum("kj,nj->nk", placements.surface_from_part[:, 2, :3], grasps.part_from_hand[tried, :3, 2])
     for row, k in zip(down, placement, strict=True):
         steeper = row > row[k] + 1e-9
-        assert not steeper.any() or row[k] >= np.cos(STEEPEST)  # a steeper one is only left where the hand meets the table
+        assert not steeper.any() or row[k] >= np.cos(
+            STEEPEST
+        )  # a steeper one is only left where the hand meets the table
 
 
 def test_of_two_mirrored_grasps_one_is_simulated(trials, grasps):
