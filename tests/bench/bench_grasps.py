@@ -49,6 +49,7 @@ SHORT = {
     "seal": "seal",
     "hand collision": "hand",
     "stability": "stab.",
+    "closing fingers": "close",
 }
 
 
@@ -68,7 +69,7 @@ def timed(part: km.Part, hand: km.Hand, parameters: km.GraspParameters | None = 
 
 def one_way(grasps: km.GraspSet) -> int:
     """Grasps before the fingers are swapped."""
-    return {s.name: s for s in grasps.record}["stability"].kept
+    return {s.name: s for s in grasps.record}["closing fingers"].kept
 
 
 def distinct(grasps: km.GraspSet, distance: float = 3e-3, angle: float = radians(20.0)) -> int:

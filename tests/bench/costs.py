@@ -47,6 +47,7 @@ STAGES = {
     "seal": "lip seals *",
     "hand collision": "collision: hand against part",
     "stability": "stability",
+    "closing fingers": "fingers on their way *",
     "peel": "peel *",
     "both ways round": "fingers swapped *",
 }
@@ -178,8 +179,9 @@ ABOUT_STAGES = """\
 The dearest stage of each object is in bold. Grasps count both ways round (fingers swapped). Contacts count once for
 each facet that they lie in. Stages with a star are not in the paper's table; its two nested `checkcollision` are the
 two collision stages. What stands in the pads' way is found when their whole faces are put on the surface, a stage of
-our own between those two; then the hand is checked at its opening and at steps on its way open. "In all" has what lies
-between the stages too, such as the trees of boxes for the collisions.
+our own between those two; then the hand is checked at its opening, and last, for grasps that hold, its fingers on their
+way open and a little further closed. "In all" has what lies between the stages too, such as the trees of boxes for the
+collisions.
 """
 ABOUT_OTHERS = """\
 The tube connector is the paper's example for three fingers, the metal workpiece its example for a suction cup (ours
