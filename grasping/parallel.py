@@ -263,7 +263,7 @@ def finish(
     pair, swap, opening = candidates.pair[held], candidates.swapped[held], standing.opening[held]
     distance = np.linalg.norm(origin[held] - part.center_of_mass, axis=-1)
     flush = tolerance + FLUSH
-    touching = flush / (flush + standing.gap[held])
+    touching = flush / (flush + standing.gap[held] + np.maximum(off[held], 0.0).sum(axis=1))
     grasps = GraspSet(
         part=part.name,
         hand=hand.name,
