@@ -351,7 +351,7 @@ class Reacher:
     def _closes(self, holder: Holder, grasp: Rows) -> Mask:
         """Which of ``grasp`` (m,) touch the part with nothing but pads once the hand is closed.
 
-        Grasps are planned with the fingers opened by the contact tolerance, and a knuckle may close in on the part.
+        The planner sees to it; grasps of a user's own need not: a knuckle may close in on the part.
         """
         known = self._closing[holder.arm.name]
         new = grasp[known[grasp] < 0]
