@@ -216,7 +216,7 @@ def test_a_part_may_touch_what_its_node_says_and_nothing_else(others):
 
 
 def test_grasps_whose_knuckles_would_close_on_the_part_are_dropped():
-    """The planner drops them; those of a user's own may reach so far around the block that knuckles close on its end."""
+    """The planner drops them; a user's own may reach so far around the block that knuckles close on its end."""
     table = tabletop("ur3_dual", "block")
     planned, hand, body = table.grasps.thin(N), table.robot.hands["left"], table.scene.bodies["block"]
     grasps = replace(planned, part_from_hand=planned.part_from_hand @ pose([0.0, 0.0, 0.005]))
