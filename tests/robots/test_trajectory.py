@@ -119,8 +119,8 @@ def test_slowed_is_the_same_curve_in_other_time(motion, factor):
     t = np.linspace(0.0, motion.duration, 50)
     slow = motion.slowed(factor)
     np.testing.assert_allclose(slow.sample(np.minimum(factor * t, slow.duration)), motion.sample(t), atol=1e-8)
-    np.testing.assert_allclose(factor * slow.peak_velocity(), motion.peak_velocity(), rtol=1e-9)
-    np.testing.assert_allclose(factor**2 * slow.peak_acceleration(), motion.peak_acceleration(), rtol=1e-9)
+    np.testing.assert_allclose(factor * slow.peak_velocity(), motion.peak_velocity(), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(factor**2 * slow.peak_acceleration(), motion.peak_acceleration(), rtol=1e-9, atol=1e-12)
 
 
 @given(trajectories(fewest=3), st.integers(1, 4))
