@@ -132,7 +132,6 @@ class _Trial:
 
     def suck(self, lip: Lip, base_from_hand: Array) -> None:
         """Press the cup on the part, evacuate it if the lip lies on the part all around, and hold it there."""
-        approach = base_from_hand[:3, 2]
         self.data.qpos[self.world.joints] = -_ABOVE
         self.model.geom_adhesion[:] = 0.0
         self.model.actuator_forcerange[0] = -_PRESSING, _PRESSING
@@ -142,15 +141,16 @@ class _Trial:
             mujoco.mj_step(self.model, self.data)
         self.data.ctrl[0] = self.data.qpos[self.world.joints]
         self.model.actuator_forcerange[0] = -_FIXED, _FIXED
-        sealed = self.sealed(lip, base_from_hand, approach)
+        sealed = self.sealed(lip, base_from_hand)
         self.model.geom_adhesion[list(self.world.lip)] = lip.force / len(self.world.lip) if sealed else 0.0
         mujoco.mj_step(self.model, self.data, steps // 4)
 
-    def sealed(self, lip: Lip, base_from_hand: Array, approach: Array) -> bool:
+    def sealed(self, lip: Lip, base_from_hand: Array) -> bool:
         """Whether the surface lies within what the lip gives, all around it."""
         angles = 2.0 * np.pi * np.arange(_RAYS) / _RAYS
         ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_RAYS)], axis=1) * lip.radius
         ring[:, 2] -= _ABOVE
+        approach = base_from_hand[:3, 2]
         at = self.data.qpos[self.world.joints] * approach
         met = np.zeros(1, dtype=np.int32)
         for start in transform_points(base_from_hand, ring) + at:
