@@ -43,7 +43,7 @@ class GraspSet:
         distance: (n,) distance between grasp centre and centre of mass [m].
         parallelness: (n,) how opposed the contacts are [rad], pi at best (see ContactPairs); pi for a cup.
         quality: (n,) in [0, 1]: margin x nearness to the centre of mass x cosine of the contacts' misalignment; less
-            where pads touch the part beside the contacts, or a finger hangs above the surface until the part turns.
+            where the forces of the two sides pass each other (``force_offsets``).
         record: What each stage took, kept and dropped.
         key: Digest of mesh, hand and parameters; empty when unknown.
         measured: What simulation measured of the n grasps; none when they were not simulated.

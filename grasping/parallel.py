@@ -12,6 +12,7 @@ import numpy as np
 from ..robots.hand import Hand
 from ..transforms import Array, compose, invert, rotation_about
 from .collision import HandCollision, Mask
+from .couple import force_offsets
 from .facets import Facets, Indices
 from .grasps import GraspSet
 from .pairs import ContactPairs
@@ -257,13 +258,17 @@ def finish(
     pads_first, approach = finger_ways(body, hand, part_from_hand[held], standing.opening[held], tolerance)
     kept = np.asarray(pads_first | colliding)
     dropped = {"knuckles meet the part": len(held) - int(kept.sum())}
-    ways = Stage("closing fingers", len(held), int(kept.sum()), dropped, process_time() - started)
-    held, approach = held[kept], approach[kept]
-
+    taken, held, approach = len(held), held[kept], approach[kept]
     pair, swap, opening = candidates.pair[held], candidates.swapped[held], standing.opening[held]
+    offsets = np.zeros((len(held), 2))
+    # Two pads that touch at their contacts touch opposite each other.
+    beside = np.flatnonzero((off[held] > FLUSH).any(axis=1) | (len(hand.pads) > 2))
+    ends = 2 * pair[beside] + swap[beside]
+    offsets[beside] = force_offsets(part, hand, part_from_hand[held[beside]], opening[beside], ends)
+    ways = Stage("closing fingers", taken, len(held), dropped, process_time() - started)
+
     distance = np.linalg.norm(origin[held] - part.center_of_mass, axis=-1)
-    flush = tolerance + FLUSH
-    touching = flush / (flush + standing.gap[held] + np.maximum(off[held], 0.0).sum(axis=1))
+    share = offsets / (hand.friction * pairs.width[pair, None])  # of what friction bears
     grasps = GraspSet(
         part=part.name,
         hand=hand.name,
@@ -277,7 +282,7 @@ def finish(
         margin=margin[held],
         distance=distance,
         parallelness=pairs.parallelness[pair],
-        quality=quality(part, margin[held], distance, pairs.parallelness[pair]) * touching,
+        quality=quality(part, margin[held], distance, pairs.parallelness[pair]) * np.exp(-np.sum(share**2, axis=1)),
     )
     return grasps, (collision, stability, ways)
 

@@ -19,7 +19,7 @@ from .grasps import FORMAT, GraspSet
 from .parameters import GraspParameters
 from .part import Part
 
-_PLANNER = 5  # raise whenever the same input gives other grasps: older entries are then planned again
+_PLANNER = 6  # raise whenever the same input gives other grasps: older entries are then planned again
 _OPENINGS = 5  # openings at which a hand's linkage enters its digest
 _DAY = 86_400.0  # s
 

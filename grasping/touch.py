@@ -66,7 +66,7 @@ def first_touch(
         over = over.all(axis=0) & (most[2] >= floor)
         face, low, high = face[over], least[2, over], most[2, over]
         within = (np.maximum(-least[:2, over], most[:2, over]) <= half[:, None]).all(axis=0)
-        low[~within], high[~within] = _heights_in_rectangle(local[:, :, np.flatnonzero(over)[~within]], half)
+        low[~within], high[~within] = _heights_in_rectangle(np.take(local, np.flatnonzero(over)[~within], axis=2), half)
         met = (high >= floor) & (low <= reach[face])
         np.maximum.at(touch, face[met], high[met])
     return touch
@@ -143,7 +143,7 @@ def _heights_in_rectangle(triangles: Array, half: Array) -> tuple[Array, Array]:
     least, most = triangles[:, :2].min(axis=0), triangles[:, :2].max(axis=0)
     for corner in _CORNERS * sides[:, 0]:
         around = np.flatnonzero(((least <= corner[:, None]) & (corner[:, None] <= most)).all(axis=0))
-        near = triangles[:, :, around]
+        near = np.take(triangles, around, axis=2)
         x, y = np.moveaxis(corner[:, None] - near[:, :2], 1, 0)
         weight = np.roll(x, -1, axis=0) * np.roll(y, -2, axis=0) - np.roll(y, -1, axis=0) * np.roll(x, -2, axis=0)
         area = weight.sum(axis=0)

@@ -7,11 +7,13 @@ part.
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 import trimesh
 
 from ..transforms import Array
 
+_EXACT = 1e-5  # m: the surface may be simplified by so much
 _THICKEST = 2e-3  # m
 _SHARE = 0.4  # of the wall behind a polygon
 _TAPER = 0.5  # of the outline that is left at the wedge's bottom
@@ -22,6 +24,7 @@ _SMALLEST = 1e-6  # m, half the width below which a polygon is a sliver that not
 
 def wedges(mesh: trimesh.Trimesh) -> list[Array]:
     """Corners (2k, 3) of convex wedges under the k-sided convex polygons of a surface [m], outer corners first."""
+    mesh = simplified(mesh)
     rings = convex_polygons(mesh)
     corners = [mesh.vertices[ring] for ring, _ in rings]
     normals = mesh.face_normals[[face for _, face in rings]]
@@ -34,6 +37,15 @@ def wedges(mesh: trimesh.Trimesh) -> list[Array]:
         if broad > _SMALLEST:
             found.append(np.concatenate([points, center + _TAPER * (points - center) - down * normal]))
     return found
+
+
+def simplified(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh without vertices that the surface can miss: meshers put many into flat faces; as it is if it leaks."""
+    solid = manifold3d.Manifold(manifold3d.Mesh64(mesh.vertices, mesh.faces.astype(np.uint64)))
+    if solid.is_empty():
+        return mesh
+    found = solid.as_original().simplify(_EXACT).to_mesh64()
+    return trimesh.Trimesh(found.vert_properties[:, :3], found.tri_verts.astype(np.int64), process=False)
 
 
 def convex_polygons(mesh: trimesh.Trimesh) -> list[tuple[list[int], int]]:

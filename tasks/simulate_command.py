@@ -49,7 +49,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    _need_mujoco()
+    _need_physics()
     from ..grasping.store import cached_grasps
     from ..physics.chart import plot_trials
     from ..physics.trials import on_the_table, run_trials
@@ -96,12 +96,13 @@ def _simulate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _need_mujoco() -> None:
+def _need_physics() -> None:
     """Check, before any work, that there is what the trials run in: no other command needs it."""
     try:
+        import manifold3d  # noqa: F401
         import mujoco  # noqa: F401
     except ImportError as error:
-        raise InputError("simulate", f"needs MuJoCo ({error})", "run: pip install 'kumitate[sim]'") from error
+        raise InputError("simulate", f"needs MuJoCo and Manifold ({error})", "run: pip install 'kumitate[sim]'") from error
 
 
 def _count(text: str | None) -> int | None:

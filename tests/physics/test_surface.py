@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from kumitate.physics.surface import convex_polygons, wedges
+from kumitate.physics.surface import convex_polygons, simplified, wedges
 from kumitate.robots.shapes import winding_number
 
 SHAPES = {
@@ -66,3 +66,29 @@ def test_wedges_lie_inside(mesh):
         assert ConvexHull(points).volume > 0.0
         inside = np.concatenate([inner, 0.5 * (inner + outer), points.mean(axis=0, keepdims=True)])
         assert (winding_number(mesh, inside) > 0.5).all()
+
+
+def test_what_a_mesher_put_into_flat_faces_is_left_out():
+    """Grids on the faces of a box and a ring of triangles on that of a ring cost no wedges; nothing is lost."""
+    for name in ("box", "ring", "corner"):
+        coarse = SHAPES[name]()
+        fine = coarse.subdivide().subdivide()
+        found = simplified(fine)
+        assert len(found.faces) <= len(coarse.faces)
+        assert found.area == pytest.approx(coarse.area, rel=1e-6)
+        assert found.volume == pytest.approx(coarse.volume, rel=1e-6)
+        assert len(wedges(fine)) <= len(convex_polygons(coarse))
+
+
+def test_a_surface_is_simplified_by_hundredths_of_a_millimetre():
+    ball = SHAPES["ball"]()
+    found = simplified(ball.subdivide())
+    assert len(found.faces) <= len(ball.faces)
+    assert np.abs(np.linalg.norm(found.vertices, axis=1) - 0.02).max() < 1e-5
+    assert found.volume == pytest.approx(ball.volume, rel=1e-3)
+
+
+def test_a_mesh_that_leaks_stays_as_it_is():
+    leaky = SHAPES["box"]()
+    leaky.update_faces(np.arange(len(leaky.faces)) > 0)
+    assert simplified(leaky) is leaky
