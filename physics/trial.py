@@ -14,7 +14,7 @@ import numpy as np
 from ..grasping.grasps import GraspSet
 from ..robots.hand import Hand, Lip
 from ..transforms import Array, invert, rotation_angle, transform_points
-from .world import TIME_STEP, World, quaternion
+from .world import SURFACE, TIME_STEP, World, quaternion
 
 GRAVITY = 9.81  # m/s2
 LIFT, LIFT_TIME = 0.1, 0.4  # m, s
@@ -152,9 +152,10 @@ class _Trial:
         ring[:, 2] -= _ABOVE
         approach = base_from_hand[:3, 2]
         at = self.data.qpos[self.world.joints] * approach
-        met = np.zeros(1, dtype=np.int32)
+        met, groups = np.zeros(1, dtype=np.int32), np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
+        groups[SURFACE] = 1
         for start in transform_points(base_from_hand, ring) + at:
-            way = mujoco.mj_ray(self.model, self.data, start, approach, None, 1, self.world.pads[0], met)
+            way = mujoco.mj_ray(self.model, self.data, start, approach, groups, 1, self.world.pads[0], met)
             of_part = met[0] >= 0 and self.model.geom_bodyid[met[0]] == self.world.part
             if not of_part or abs(way - _ABOVE) > lip.compliance:
                 return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import process_time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -74,20 +74,36 @@ class Trials:
         return Measured(tried=tried, shift=shift, turn=turn, slip=slip, held=held)
 
 
-def on_the_table(hand: Hand, grasps: GraspSet, placements: Placements) -> tuple[Indices, Indices]:
-    """Grasps that can be tried, and the placement for each (m,): where the approach is nearest to the vertical.
+class OnTheTable(NamedTuple):
+    """Which of n grasps can be tried.
+
+    Attributes:
+        grasp: (m,) their indices, ascending.
+        placement: (m,) the placement for each: where its approach is nearest to the vertical.
+        upright: (n,) whether the approach is near the vertical in some placement, the hand clear of the table or not.
+    """
+
+    grasp: Indices
+    placement: Indices
+    upright: Mask
+
+
+def on_the_table(hand: Hand, grasps: GraspSet, placements: Placements) -> OnTheTable:
+    """Grasps that can be tried.
 
     The approach is within 40 deg of the vertical, as in the paper's experiment, and the hand stays clear of the table
     from its approach opening until it has closed.
     """
+    upright = np.zeros(len(grasps), dtype=bool)
     best, steepness = np.full(len(grasps), -1), np.full(len(grasps), np.cos(STEEPEST))
     for k, surface_from_part in enumerate(placements.surface_from_part):
         down = -(grasps.part_from_hand[:, :3, 2] @ surface_from_part[2, :3])
+        upright |= down > np.cos(STEEPEST)
         steeper = np.flatnonzero(down > steepness)
         steeper = steeper[_clear(hand, grasps[steeper], surface_from_part)]
         best[steeper], steepness[steeper] = k, down[steeper]
     tried = np.flatnonzero(best >= 0)
-    return tried, best[tried]
+    return OnTheTable(tried, best[tried], upright)
 
 
 def _clear(hand: Hand, grasps: GraspSet, surface_from_part: Array) -> Mask:
@@ -132,7 +148,7 @@ def run_trials(
     from .trial import try_grasp
     from .world import build_world
 
-    tried, placement = on_the_table(hand, grasps, placements)
+    tried, placement, _ = on_the_table(hand, grasps, placements)
     if count is not None:
         chosen = grasps[tried].spread(count)
         tried, placement = tried[chosen], placement[chosen]

@@ -25,6 +25,7 @@ TIME_STEP = 2.5e-4  # s; with longer ones parts that are pushed drift by some te
 TABLE_FRICTION = 0.3  # part on table
 METAL_FRICTION = 0.3  # part on what carries no pad
 _TORSION, _ROLLING = 3e-3, 1e-5  # m: where MuJoCo knows a point, bodies touch in a patch
+SURFACE = 0  # group of shapes that a ray may meet: the hull of a part, its other group, is no surface of it
 _TABLE, _FINGERS = 1, 2  # bits: what collides with the table, and with the hand
 _METAL = 2700.0  # kg/m3
 _ROTOR = 2e-4  # kg m2, or kg: what the motor moves, seen from each finger joint
@@ -32,7 +33,7 @@ _STIFF, _SOFT = (1e-3, 1.0), (2e-3, 1.0)  # time constant [s] and damping ratio 
 _GEAR = (0.999, 0.9999, 1e-3, 0.5, 2.0)  # share of their error that couplings take away
 _RUBBER = (0.95, 0.99, 2e-4, 0.5, 2.0)  # and contacts: they give by hundredths of a millimetre
 _GAIN = 50.0  # of the motor's speed control: N m s/rad or N s/m
-_LIP_BALLS, _LIP_BALL = 12, 1e-3  # balls that make a lip, and their radius [m]
+_LIP_BALLS, _LIP_BALL = 12, 5e-4  # balls that make a lip, and their radius [m]
 _PRESS = 2e4  # N/m, and twice its square root N s/m: of the drive that brings a cup to the part
 
 
@@ -117,7 +118,7 @@ def _add_cup(spec: mujoco.MjSpec, bodies: list[mujoco.MjsBody], hand: Hand) -> N
     base, placement = bodies[0], hand.base_from_hand([0.0])[0]
     base.add_joint(name="press", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=placement[:3, 2], armature=_ROTOR)
     angles = 2.0 * np.pi * np.arange(_LIP_BALLS) / _LIP_BALLS
-    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_LIP_BALLS)], axis=1) * hand.lip.radius
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_LIP_BALLS)], axis=1) * (hand.lip.radius - _LIP_BALL)
     ring[:, 2] = hand.lip.compliance / 2.0 - _LIP_BALL
     for center in transform_points(placement, ring):
         _add_geom(
@@ -162,7 +163,8 @@ def _add_part(spec: mujoco.MjSpec, part: Part) -> None:
     body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     body.add_freejoint(name="part")
     points = part.mesh.vertices
-    _add_mesh(spec, body, "hull", points[ConvexHull(points).vertices], 0.0, contype=0, conaffinity=_TABLE, mass=0.0)
+    hull = points[ConvexHull(points).vertices]
+    _add_mesh(spec, body, "hull", hull, 0.0, contype=0, conaffinity=_TABLE, mass=0.0, group=1 - SURFACE)
     for i, corners in enumerate(wedges(part.mesh)):
         _add_mesh(spec, body, f"wedge{i}", corners, 0.0, contype=0, conaffinity=_FINGERS, mass=0.0)
 

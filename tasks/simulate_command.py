@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from math import cos, degrees
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,9 @@ from .quantities import parse_quantity
 if TYPE_CHECKING:
     from ..grasping.grasps import GraspSet
     from ..physics.trials import Trials
-    from ..regrasp.placements import Placements
     from ..transforms import Array
 
+_CURE = "run: pip install 'kumitate[sim]'"
 _QUARTERS = 4
 _QUANTILES = {"median": 0.5, "p95": 0.95, "largest": 1.0}
 
@@ -70,10 +70,11 @@ def _simulate(options: argparse.Namespace) -> int:
         grasps = cached_grasps(asked.part, asked.hand, asked.parameters)
         progress("placements")
         placements = find_placements(asked.part)
-        upright, possible = _upright(grasps, placements), len(on_the_table(asked.hand, grasps, placements)[0])
-        answer = {"grasps": len(grasps), "placements": len(placements), "upright": upright, "possible": possible}
+        there = on_the_table(asked.hand, grasps, placements)
+        answer = {"grasps": len(grasps), "placements": len(placements)}
+        answer |= {"upright": int(there.upright.sum()), "possible": len(there.grasp)}
         tell(f"{len(grasps)} grasps by {asked.hand.name}, {len(placements)} stable placements")
-        if not possible:
+        if not len(there.grasp):
             because = _nothing_to_try(answer)
             tell(f"nothing to try: {because}")
             if options.json:
@@ -102,7 +103,9 @@ def _need_physics() -> None:
         import manifold3d  # noqa: F401
         import mujoco  # noqa: F401
     except ImportError as error:
-        raise InputError("simulate", f"needs MuJoCo and Manifold ({error})", "run: pip install 'kumitate[sim]'") from error
+        raise InputError(
+            "simulate", f"needs MuJoCo and Manifold ({error})", "run: pip install 'kumitate[sim]'"
+        ) from error
 
 
 def _count(text: str | None) -> int | None:
@@ -117,14 +120,6 @@ def _off(text: str) -> float:
     if off < 0.0:
         raise InputError("--off", f"{text!r} is negative", 'give a length such as "1 mm"')
     return off
-
-
-def _upright(grasps: GraspSet, placements: Placements) -> int:
-    """How many grasps approach within 40 deg of the vertical in some placement."""
-    from ..physics.trials import STEEPEST
-
-    down = -(grasps.part_from_hand[:, :3, 2] @ placements.surface_from_part[:, 2, :3].T)  # (n, placements)
-    return int((down > cos(STEEPEST)).any(axis=1).sum())
 
 
 def _nothing_to_try(counts: dict[str, Any]) -> str:

@@ -90,7 +90,7 @@ def tried(job: Job) -> Result:
     part = km.Part.load(job.mesh, unit="m" if job.mesh.is_relative_to(OBJECTS) else "mm", density=DENSITY)
     hand, placements = km.load_hand(job.hand), km.find_placements(part)
     grasps = km.plan_grasps(part, hand, km.GraspParameters(theta_parl=radians(job.theta_parl)))
-    possible = len(on_the_table(hand, grasps, placements)[0])
+    possible = len(on_the_table(hand, grasps, placements).grasp)
     trials = run_trials(part, hand, grasps, placements, count=job.count, off=job.off)
     if job.hand == TWO and job.off and (job.mesh.stem, job.theta_parl) in PAPER and len(trials) and job.count is None:
         plot_trials(trials, grasps, DOCS / f"{job.mesh.stem}_{job.theta_parl}.png")

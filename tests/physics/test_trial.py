@@ -36,7 +36,7 @@ def block(mass: float) -> Part:
 def outcome(part: Part, hand: Hand, grasps: GraspSet, aside: np.ndarray | None = None) -> Outcome:
     """Of the best grasp that can be tried."""
     placements = find_placements(part)
-    tried, placement = on_the_table(hand, grasps, placements)
+    tried, placement, _ = on_the_table(hand, grasps, placements)
     pose = placements.surface_from_part[placement[0]]
     return try_grasp(build_world(part, hand), hand, grasps, int(tried[0]), pose, aside)
 
@@ -55,7 +55,7 @@ def test_fingers_push_a_part_that_lies_aside_to_their_middle(gripper):
     """Along the closing direction it is pushed back by as much as it lay off; across, it stays."""
     part = block(0.1)
     grasps, placements = plan_grasps(part, gripper), find_placements(part)
-    tried, placement = on_the_table(gripper, grasps, placements)
+    tried, placement, _ = on_the_table(gripper, grasps, placements)
     i = int(tried[0])
     closing = placements.surface_from_part[placement[0], :3, :3] @ grasps.part_from_hand[i, :3, 0]
     assert abs(closing[2]) < 1e-9
@@ -97,3 +97,22 @@ def test_a_trial_repeats_exactly(gripper):
     one, other = (outcome(part, gripper, grasps, np.array([1e-3, 0.0, 0.0])) for _ in range(2))
     np.testing.assert_array_equal(one.shift, other.shift)
     assert one[1:] == other[1:]
+
+
+def test_a_cup_seals_between_walls(cup):
+    """The floor of a trough lies inside the part's convex hull, and is a surface as any other."""
+    trough = trimesh.boolean.union(
+        [
+            trimesh.creation.box((0.12, 0.16, 0.004)),
+            *(
+                trimesh.creation.box((0.12, 0.004, 0.03), trimesh.transformations.translation_matrix([0.0, y, 0.015]))
+                for y in (-0.078, 0.078)
+            ),
+        ]
+    )
+    part = Part.from_mesh(trough, mass=0.05, name="trough")
+    grasps = plan_grasps(part, cup)
+    inside = np.flatnonzero(
+        (grasps.contacts[:, 0, 2] > 0.0) & (np.linalg.norm(grasps.contacts[:, 0, :2], axis=1) < 0.01)
+    )
+    assert outcome(part, cup, grasps[inside[:1]]).held

@@ -40,7 +40,7 @@ def trials(part, hand, grasps, placements):
 
 
 def test_only_hands_from_above_that_clear_the_table_are_tried(hand, grasps, placements):
-    tried, placement = on_the_table(hand, grasps, placements)
+    tried, placement, _ = on_the_table(hand, grasps, placements)
     assert 0 < len(tried) < len(grasps)
     for i, k in zip(tried[:40], placement[:40], strict=True):
         surface_from_hand = placements.surface_from_part[k] @ grasps.part_from_hand[i]
@@ -52,7 +52,7 @@ def test_only_hands_from_above_that_clear_the_table_are_tried(hand, grasps, plac
 
 
 def test_each_grasp_is_tried_where_its_approach_is_steepest(hand, grasps, placements):
-    tried, placement = on_the_table(hand, grasps, placements)
+    tried, placement, _ = on_the_table(hand, grasps, placements)
     down = -np.einsum("kj,nj->nk", placements.surface_from_part[:, 2, :3], grasps.part_from_hand[tried, :3, 2])
     for row, k in zip(down, placement, strict=True):
         steeper = row > row[k] + 1e-9
