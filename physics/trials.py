@@ -129,7 +129,7 @@ def run_trials(
     off: float = 0.0,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Trials:
-    """Try all grasps that can be tried on a table, or ``count`` of them that are well spread.
+    """Try all grasps that can be tried on a table, or ``count`` of them.
 
     Two grasps of a hand that looks the same turned by half a turn, which differ by that turn, are one trial.
 
@@ -138,7 +138,7 @@ def run_trials(
         hand: The hand.
         grasps: Planned grasps.
         placements: Of the part.
-        count: At most so many.
+        count: At most so many, evenly from the first to the last: good and bad ones alike, as grasps go by quality.
         off: The hand stands off by this much at random, along the table [m]; the same at every call.
         progress: Called with the number of trials done and of all.
 
@@ -150,7 +150,7 @@ def run_trials(
 
     tried, placement, _ = on_the_table(hand, grasps, placements)
     if count is not None:
-        chosen = grasps[tried].spread(count)
+        chosen = np.linspace(0, len(tried) - 1, min(count, len(tried))).round().astype(np.int64)
         tried, placement = tried[chosen], placement[chosen]
     first, twin = _twins(hand, grasps[tried])
     rng = np.random.default_rng(0)

@@ -31,7 +31,9 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
         " is no grasp to try."
     )
     add_grasp_options(parser)
-    parser.add_argument("--count", help="try at most so many grasps, well spread; all that can be tried unless given")
+    parser.add_argument(
+        "--count", help="try at most so many grasps, evenly from best to worst; all that can be tried unless given"
+    )
     parser.add_argument(
         "--off", default="0 mm", help='the hand stands off by up to this at random, such as "1 mm"; not unless given'
     )

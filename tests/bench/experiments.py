@@ -70,7 +70,7 @@ def main() -> int:
     if not paper:
         print(f"no meshes of the paper in {OBJECTS}: parts of the examples alone")
     meshes = paper + own
-    jobs = [Job(mesh, TWO, 160, None if mesh in paper else SAMPLE) for mesh in meshes]
+    jobs = [Job(mesh, TWO, 160, None) for mesh in meshes]
     jobs += [Job(mesh, TWO, 160, SAMPLE, OFF) for mesh in meshes]
     jobs += [Job(mesh, TWO, 140, SAMPLE) for mesh in meshes]
     jobs += [Job(mesh, hand, 160, SAMPLE) for hand in (THREE, CUP) for mesh in meshes]
@@ -206,39 +206,31 @@ TEXT = {
     "top": """# Experiments in physics
 
 `make experiments` writes this page. Planned grasps are tried in MuJoCo, which knows nothing of what the planner took
-for
-granted: a part rests on a table, the hand closes with its speed and force, lifts it by 100 mm in 0.4 s, and is
-shaken, by
-5 m/s2 along and 20 rad/s2 about each of its axes. Tried are grasps that approach within 40 deg of the vertical, as
-in the
-paper, each in the stable placement where its approach is steepest, and whose hand clears the table. Two grasps that
-differ
-by half a turn of a hand that looks the same are simulated once and count twice.
+for granted: a part rests on a table, the hand closes with its speed and force, lifts it by 100 mm in 0.4 s, and is
+shaken, by 5 m/s2 along and 20 rad/s2 about each of its axes. Tried are grasps that approach within 40 deg of the
+vertical, as in the paper, each in the stable placement where its approach is steepest, and whose hand clears the
+table. Two grasps that differ by half a turn of a hand that looks the same are simulated once and count twice.
 
 *Displacement* is the way of the centre of mass along the table while the fingers close, over all trials, failed ones
-too;
-*slip* is its way in the hand while it is lifted. *Lifted*: after lifting, fingers of both sides touch the part, and
-it is
-within 10 mm and 20 deg of where it was grasped. *Held*: that still holds after shaking. Parts have 1000 kg/m3.
-Friction: pads
-and lip as the hand's file says (0.5), part on table 0.3, part on metal 0.3. Seconds are of one core, a trial.
+too; *slip* is its way in the hand while it is lifted. *Lifted*: after lifting, fingers of both sides touch the part,
+and it is within 10 mm and 20 deg of where it was grasped. *Held*: that still holds after shaking. Parts have 1000
+kg/m3. Friction: pads and lip as the hand's file says (0.5), part on table 0.3, part on metal 0.3. Seconds are of one
+core, a trial.
 
 ![Share of trials within a displacement](displacement.png)""",
     "paper": """## The paper's table
 
-Bearing housing and Stanford bunny beside the paper's measurements with markers on real parts. Our hand stands
-exactly where
-it was told unless the table says how far off it is at random; a real robot, camera and marker are never exact.
-Pictures of the
-rows with the hand off: [housing 140](housing_140.png), [housing 160](housing_160.png), [bunny
-140](bunnysim_140.png), [bunny
-160](bunnysim_160.png).""",
+Bearing housing and Stanford bunny beside the paper's measurements with markers on real parts. Our hand stands exactly
+where it was told unless the table says how far off it is at random; a real robot, camera and marker are never exact.
+Pictures of the rows with the hand off: [housing 140](housing_140.png), [housing 160](housing_160.png), [bunny
+140](bunnysim_140.png), [bunny 160](bunnysim_160.png).""",
     "two": """## Two fingers, theta_parl 160 deg
 
-All grasps that the default planner returns for the paper's objects; a spread sample for parts of our own.""",
-    "off": """## Two fingers, the hand off by up to 1 mm
+All grasps that the default planner returns: for the paper's objects and for parts of our own.""",
+    "off": f"""## Two fingers, the hand off by up to 1 mm
 
-The same, but for each trial the part lies up to 1 mm aside of where the hand expects it.""",
+The same, but for each trial the part lies up to 1 mm aside of where the hand expects it. Here and in the tables below
+{SAMPLE} of each object are tried, evenly from the best grasp to the worst.""",
     "wide": """## Two fingers, theta_parl 140 deg
 
 Facets may be 20 deg less parallel.""",
@@ -248,17 +240,15 @@ The fingers turn as they close, coupled rigidly, and their pads are parallel at 
     "cup": """## Suction cup
 
 Twelve points of the lip pull with a twelfth of the vacuum's force each, and let go one by one where more is asked of
-them;
-where the lip does not lie on the part all around, there is no vacuum. Its approach needs no pads: theta_parl plays
-no part.""",
+them; where the lip does not lie on the part all around, there is no vacuum. Its approach needs no pads: theta_parl
+plays no part.""",
     "end": """## Limits of the simulation
 
 - Bodies are rigid; pads and lips give by hundredths of a millimetre. A real pad is soft and wide where MuJoCo knows
-  points:
-  torsional friction of 3 mm stands for the patch.
+  points: torsional friction of 3 mm stands for the patch.
 - Hand, part and table are exact: no error of calibration, of the mesh, or of where the part is, unless said.
-- The surface of a part is exact, but made of thin wedges: what is driven in deeper than about a millimetre slips
-  through.
+- The surface of a part is exact to a hundredth of a millimetre, but made of thin wedges: what is driven in deeper
+  than about a millimetre slips through.
 - The 2F-85 is its parallelogram: that its fingertips can fold around a part when it is taken near the palm is left
   out.
 - Friction is one number a pair, the same at rest and in motion; nothing wears, is oily or bends.

@@ -61,15 +61,22 @@ def test_each_grasp_is_tried_where_its_approach_is_steepest(hand, grasps, placem
         )  # a steeper one is only left where the hand meets the table
 
 
-def test_of_two_mirrored_grasps_one_is_simulated(trials, grasps):
-    run = trials.seconds > 0.0
-    assert 0 < run.sum() < len(trials)
-    half_turn = np.diag([-1.0, -1.0, 1.0, 1.0])
-    poses = grasps.part_from_hand[trials.grasp]
-    for i in np.flatnonzero(~run):
-        same = np.abs(poses[run] @ half_turn - poses[i]).max(axis=(1, 2)) < 1e-6
-        assert same.sum() == 1
-        np.testing.assert_array_equal(trials.shift[run][same][0], trials.shift[i])
+def test_of_two_mirrored_grasps_one_is_simulated(part, hand, grasps, placements):
+    first = on_the_table(hand, grasps, placements).grasp[0]
+    turned = grasps.part_from_hand[first] @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    twin = np.argmin(np.abs(grasps.part_from_hand - turned).max(axis=(1, 2)))
+    trials = run_trials(part, hand, grasps[[first, twin]], placements)
+    assert (trials.seconds > 0.0).sum() == 1
+    np.testing.assert_array_equal(trials.shift[0], trials.shift[1])
+    assert trials.held.all()
+
+
+def test_some_of_the_trials_are_of_good_and_of_bad_grasps(trials, hand, grasps, placements):
+    possible = on_the_table(hand, grasps, placements).grasp
+    assert np.isin(trials.grasp, possible).all()
+    assert trials.grasp[0] == possible[0]
+    assert trials.grasp[-1] == possible[-1]
+    assert np.diff(np.searchsorted(possible, trials.grasp)).max() <= len(possible) / (len(trials) - 1) + 1
 
 
 def test_what_was_measured_goes_to_its_grasps(trials, grasps):
