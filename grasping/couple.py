@@ -23,9 +23,10 @@ _NEAR = 2e-4  # m: no pad rises or sinks by more under so small a turn
 def force_offsets(part: Part, hand: Hand, part_from_hand: Array, opening: Array, end: Indices) -> Array:
     """How far the force of each side passes the other side's pad (n, 2) [m]: past the single finger's, then the other.
 
-    The largest over turns about eight axes across the closing axis; zero where the pads lie flat or touch
-    opposite each other. Two contacts hold by friction alone where the line between them lies within both cones of
-    friction: where no offset is more than the coefficient of friction times the width.
+    The largest over turns about eight axes across the closing axis; zero where a force that the one side can exert runs
+    against one of the other, as between pads that lie flat on faces that overlap. Two contacts hold by friction alone
+    where the line between them lies within both cones of friction: where, for small angles, no offset is more than the
+    coefficient of friction times the opening.
 
     Args:
         part: The part.

@@ -227,13 +227,13 @@ def finish(
     *,
     colliding: bool,
 ) -> tuple[GraspSet, tuple[Stage, ...]]:
-    """The last two steps of both planners: the whole hand against the part, then stability (IV.B, lines 15 to 22).
+    """The last steps of both planners: the whole hand, stability (IV.B, lines 15 to 22), the closing of the fingers.
 
     With ``colliding`` the hands that touch the part go on, in place of those that do not.
 
     Returns:
-        The grasps, the best first and without a record, and the stages ``"hand collision"``, ``"stability"`` and
-        ``"closing fingers"``.
+        The grasps, in the order of the candidates and without a record, and the stages ``"hand collision"``,
+        ``"stability"`` and ``"closing fingers"``.
     """
     started = process_time()
     off = standing.stand_off
@@ -261,14 +261,14 @@ def finish(
     taken, held, approach = len(held), held[kept], approach[kept]
     pair, swap, opening = candidates.pair[held], candidates.swapped[held], standing.opening[held]
     offsets = np.zeros((len(held), 2))
-    # Two pads that touch at their contacts touch opposite each other.
+    # Where both pads touch at their contacts, both forces can run along the line between these: no need to look.
     beside = np.flatnonzero((off[held] > FLUSH).any(axis=1) | (len(hand.pads) > 2))
     ends = 2 * pair[beside] + swap[beside]
     offsets[beside] = force_offsets(part, hand, part_from_hand[held[beside]], opening[beside], ends)
     ways = Stage("closing fingers", taken, len(held), dropped, process_time() - started)
 
     distance = np.linalg.norm(origin[held] - part.center_of_mass, axis=-1)
-    share = offsets / (hand.friction * pairs.width[pair, None])  # of what friction bears
+    share = offsets / (hand.friction * np.maximum(opening, FLUSH)[:, None])  # of what friction bears
     grasps = GraspSet(
         part=part.name,
         hand=hand.name,
@@ -288,6 +288,9 @@ def finish(
 
 
 def quality(part: Part, margin: Array, distance: Array, parallelness: Array) -> Array:
-    """Quality (n,) in [0, 1]: stability margin x nearness to the centre of mass x cosine of the misalignment."""
+    """Margin x nearness to the centre of mass x cosine of the misalignment (n,), each in [0, 1].
+
+    The quality of a grasp by a cup; for fingers ``finish`` has a further factor.
+    """
     size = np.linalg.norm(part.mesh.vertices - part.center_of_mass, axis=-1).max()
     return np.asarray(margin * np.clip(1.0 - distance / size, 0.0, 1.0) * -np.cos(parallelness))

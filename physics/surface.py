@@ -1,4 +1,4 @@
-"""The surface of a part as convex pieces: exact where hands touch it, however hollow the part is.
+"""The surface of a part as convex pieces: exact to a hundredth of a millimetre, however hollow the part is.
 
 MuJoCo knows convex shapes only, and a decomposition of the volume fills what is hollow by a millimetre or so. Hands
 touch surfaces: so flat regions are cut into convex polygons, each the outer face of a thin wedge that tapers into the
@@ -40,7 +40,10 @@ def wedges(mesh: trimesh.Trimesh) -> list[Array]:
 
 
 def simplified(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The mesh without vertices that the surface can miss: meshers put many into flat faces; as it is if it leaks."""
+    """The mesh without what moves its surface by 0.01 mm at most: meshers put many vertices into flat faces.
+
+    As it is if it leaks.
+    """
     solid = manifold3d.Manifold(manifold3d.Mesh64(mesh.vertices, mesh.faces.astype(np.uint64)))
     if solid.is_empty():
         return mesh

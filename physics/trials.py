@@ -143,7 +143,7 @@ def run_trials(
         progress: Called with the number of trials done and of all.
 
     Raises:
-        ModuleNotFoundError: MuJoCo is not there (``pip install 'kumitate[sim]'``).
+        ModuleNotFoundError: MuJoCo or Manifold is not there (``pip install 'kumitate[sim]'``).
     """
     from .trial import try_grasp
     from .world import build_world

@@ -25,7 +25,7 @@ TIME_STEP = 2.5e-4  # s; with longer ones parts that are pushed drift by some te
 TABLE_FRICTION = 0.3  # part on table
 METAL_FRICTION = 0.3  # part on what carries no pad
 _TORSION, _ROLLING = 3e-3, 1e-5  # m: where MuJoCo knows a point, bodies touch in a patch
-SURFACE = 0  # group of shapes that a ray may meet: the hull of a part, its other group, is no surface of it
+SURFACE, _HULL = 0, 1  # groups of shapes: a ray may meet the surface of a part, and its hull is none
 _TABLE, _FINGERS = 1, 2  # bits: what collides with the table, and with the hand
 _METAL = 2700.0  # kg/m3
 _ROTOR = 2e-4  # kg m2, or kg: what the motor moves, seen from each finger joint
@@ -164,7 +164,7 @@ def _add_part(spec: mujoco.MjSpec, part: Part) -> None:
     body.add_freejoint(name="part")
     points = part.mesh.vertices
     hull = points[ConvexHull(points).vertices]
-    _add_mesh(spec, body, "hull", hull, 0.0, contype=0, conaffinity=_TABLE, mass=0.0, group=1 - SURFACE)
+    _add_mesh(spec, body, "hull", hull, 0.0, contype=0, conaffinity=_TABLE, mass=0.0, group=_HULL)
     for i, corners in enumerate(wedges(part.mesh)):
         _add_mesh(spec, body, f"wedge{i}", corners, 0.0, contype=0, conaffinity=_FINGERS, mass=0.0)
 

@@ -105,9 +105,7 @@ def _need_physics() -> None:
         import manifold3d  # noqa: F401
         import mujoco  # noqa: F401
     except ImportError as error:
-        raise InputError(
-            "simulate", f"needs MuJoCo and Manifold ({error})", "run: pip install 'kumitate[sim]'"
-        ) from error
+        raise InputError("simulate", f"needs MuJoCo and Manifold ({error})", _CURE) from error
 
 
 def _count(text: str | None) -> int | None:

@@ -47,7 +47,7 @@ STAGES = {
     "seal": "lip seals *",
     "hand collision": "collision: hand against part",
     "stability": "stability",
-    "closing fingers": "fingers on their way *",
+    "closing fingers": "fingers on their way, forces *",
     "peel": "peel *",
     "both ways round": "fingers swapped *",
 }
@@ -97,7 +97,7 @@ def cost(load: Callable[[], km.Part], hand: str, runs: int, parameters: km.Grasp
 
 def objects() -> tuple[dict[str, Callable[[], km.Part]], bool]:
     """What loads six parts, under the names they are shown with, and whether they are the paper's."""
-    if all((OBJECTS / f"{name}.stl").is_file() for name in PAPERS.values()):
+    if all((OBJECTS / f"{name}.stl").is_file() for name in {*PAPERS.values(), *(file for file, *_ in WRS.values())}):
         return {name: loader(file) for name, file in PAPERS.items()}, True
     print("the paper's meshes are not here (KUMITATE_OBJECTS names their folder): six parts of our own in their place")
     own = {name: REPOSITORY / f"examples/parts/{name}.stl" for name in OWN}

@@ -230,7 +230,7 @@ All grasps that the default planner returns: for the paper's objects and for par
     "off": f"""## Two fingers, the hand off by up to 1 mm
 
 The same, but for each trial the part lies up to 1 mm aside of where the hand expects it. Here and in the tables below
-{SAMPLE} of each object are tried, evenly from the best grasp to the worst.""",
+at most {SAMPLE} of each object are tried, evenly from the best grasp to the worst.""",
     "wide": """## Two fingers, theta_parl 140 deg
 
 Facets may be 20 deg less parallel.""",

@@ -57,6 +57,27 @@ def test_forces_of_edges_on_a_slope_point_along_its_normal(gripper):
     assert np.allclose(found, 2.0 * h, rtol=0.15)  # the ball has facets of 0.7 mm
 
 
+def test_of_a_slope_on_one_side_the_force_passes_the_other_side(gripper):
+    """The other side touches at 45 deg with its edge: its force leaves the single finger's flat face 30 mm behind."""
+    assert gripper.pads[0].size[0] == 0.022  # it meets the slope at y = 11 mm, x = 15 mm
+    width, corners = 0.03, [(-0.015, -0.015), (-0.011, -0.015), (0.034, 0.03), (-0.015, 0.03)]
+    prism = trimesh.convex.convex_hull([[*corner, z] for corner in corners for z in (-0.03, 0.03)])
+    found = offsets(prism, gripper, width)
+    assert np.allclose(found, [[width, 0.0]], rtol=0.02, atol=1e-6)
+
+
+def test_pads_that_lie_on_their_contacts_need_no_look(gripper):
+    """Of planned grasps whose pads touch at both contacts the offset is no more than what a turn itself takes away."""
+    mesh = trimesh.boolean.union([box([0.03, 0.05, 0.05], [0, 0, 0]), trimesh.creation.cylinder(0.012, 0.09)])
+    part = Part.from_mesh(mesh, mass=0.1)
+    grasps = plan_grasps(part, gripper)
+    width = np.linalg.norm(np.diff(grasps.contacts, axis=1)[:, 0], axis=1)
+    flush = np.flatnonzero(grasps.opening - width < 1e-6)
+    assert 20 < len(flush) < len(grasps)
+    found = force_offsets(part, gripper, grasps.part_from_hand[flush], grasps.opening[flush], 2 * np.arange(len(flush)))
+    assert (found.max(axis=1) <= grasps.opening[flush] * np.radians(0.05) + 1e-6).all()
+
+
 def test_of_three_fingers_one_that_hangs_presses_nothing():
     """The pair's pads begin 19 mm off the middle, the single one ends 11 mm off: 8 mm between the forces."""
     hand = load_hand("hrp5p_three_finger")

@@ -11,17 +11,10 @@ from math import pi
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from mutations import (
-    ANYWHERE,
-    TOGETHER,
-    a_detach_dropped,
-    a_speck_inside_a_part,
-    a_standing_part_moves,
-    a_table_that_ends_under_the_part,
-    an_obstacle_in_the_way,
-    goals_in_another_order,
-    let_go_after_the_retreat,
-)
+from mutations import ANYWHERE, TOGETHER
+from mutations_of_goals import goals_in_another_order
+from mutations_of_holds import a_detach_dropped, a_standing_part_moves, let_go_after_the_retreat
+from mutations_of_scenes import a_speck_inside_a_part, a_table_that_ends_under_the_part, an_obstacle_in_the_way
 from own_kinematics import Flanges
 
 from kumitate.errors import InputError, PlanningError, TimeLimitError

@@ -144,19 +144,20 @@ def test_a_wrong_input_is_one_line_and_exit_2(capsys, tmp_path, monkeypatch, arg
     assert error.count("\n") == 1
 
 
-def test_without_mujoco_the_cure_is_told_before_any_work(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
+@pytest.mark.parametrize("module", ["mujoco", "manifold3d"])
+def test_without_physics_the_cure_is_told_before_any_work(tmp_path, monkeypatch, capsys, module):
+    monkeypatch.setitem(sys.modules, module, None)
     assert main(["simulate", str(tmp_path / "none.stl"), *HAND]) == 2
     error = capsys.readouterr().err
     assert error.startswith("kumitate: simulate: needs MuJoCo")
     assert error.endswith("run: pip install 'kumitate[sim]'\n")
 
 
-def test_no_other_module_needs_mujoco():
+def test_no_other_module_needs_them():
     """All of the package but its physics loads without."""
     code = """
 import importlib, pkgutil, sys
-sys.modules["mujoco"] = None
+sys.modules["mujoco"] = sys.modules["manifold3d"] = None
 import kumitate.grasping, kumitate.regrasp, kumitate.robots, kumitate.tasks
 for room in (kumitate.grasping, kumitate.regrasp, kumitate.robots, kumitate.tasks):
     for module in pkgutil.iter_modules(room.__path__, room.__name__ + "."):

@@ -7,17 +7,12 @@ import sys
 
 import numpy as np
 import pytest
+from edits import with_part
 from msgspec.structs import replace
-from mutations import (
-    ANYWHERE,
-    TOGETHER,
-    USING,
-    a_bigger_part,
-    another_robot_file,
-    the_goal_turned,
-    too_fast,
-    with_part,
-)
+from mutations import ANYWHERE, TOGETHER, USING
+from mutations_of_goals import the_goal_turned
+from mutations_of_motions import another_robot_file, too_fast
+from mutations_of_scenes import a_bigger_part
 from plans import interlocked_plan, sample_plan, short_plan, use_plan
 
 from kumitate.errors import InputError

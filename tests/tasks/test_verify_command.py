@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
-from mutations import an_obstacle_in_the_way, the_way_home_left_out, too_fast
+from mutations_of_goals import the_way_home_left_out
+from mutations_of_motions import too_fast
+from mutations_of_scenes import an_obstacle_in_the_way
 from plans import short_plan
 
 from kumitate.tasks.cli import main

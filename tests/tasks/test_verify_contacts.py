@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from edits import kinds, with_states
 from msgspec.structs import replace
-from mutations import a_loose_grip, kinds, pressed_against_what_it_is_not_used_on, pressed_too_deep, with_states
+from mutations_of_goals import pressed_against_what_it_is_not_used_on, pressed_too_deep
+from mutations_of_holds import a_loose_grip
 from plans import sample_plan, short_plan, use_plan
 
 from kumitate.tasks.document import Mesh, Plan, matrix

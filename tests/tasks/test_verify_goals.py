@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from edits import with_action, with_goal
 from goal_faults import goal_faults
 from msgspec.structs import replace
-from mutations import joining, with_action, with_goal
+from mutations_of_holds import joining
 from plans import sample_plan, short_plan, standing_plan
 
 from kumitate.tasks.document import Mesh, Plan

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from edits import kinds, taking, with_part
 from msgspec.structs import replace
-from mutations import kinds, taking, with_part
 from plans import sample_plan, short_plan
 
 from kumitate.tasks.document import Mesh, Plan

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 import trimesh
+from edits import with_goal
 from goal_faults import goal_faults
-from mutations import with_goal
 from plans import interlocked_plan, sample_plan, short_plan
 
 from kumitate.tasks.verify_cell import Cell, read_cell

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from edits import with_goal, with_part
 from msgspec.structs import replace
-from mutations import with_goal, with_part
 from plans import sample_plan, short_plan, use_plan
 
 from kumitate.errors import InputError

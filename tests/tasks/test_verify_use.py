@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from edits import kinds, with_action, with_goal
 from goal_faults import goal_faults
 from msgspec.structs import replace
-from mutations import kinds, with_action, with_goal
 from plans import use_plan
 
 from kumitate.tasks.document import Event, Plan
