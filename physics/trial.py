@@ -28,6 +28,8 @@ _ABOVE, _PRESSING, _PRESS_TIME = 5e-3, 5.0, 0.2  # m, N and s: where a cup comes
 _FIXED = 1e4  # N
 _RAYS = 24  # around a lip
 _LOOK = 5e-3  # s from one look at the fingers to the next
+_MANY = 200  # contacts: where pads meet more, a point of each pair of shapes is enough, and far less dear
+_ONE_POINT = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
 
 
 class Outcome(NamedTuple):
@@ -96,6 +98,7 @@ class _Trial:
     def __init__(self, world: World, base_from_part: Array, table: Array) -> None:
         self.world, self.model, self.table = world, world.model, table
         self.model.opt.timestep = TIME_STEP
+        self.model.opt.disableflags &= ~_ONE_POINT
         self.data = mujoco.MjData(self.model)
         self.data.mocap_pos[0], self.data.mocap_quat[0] = table[:3, 3], quaternion(table[:3, :3])
         at = world.free[0]
@@ -108,15 +111,15 @@ class _Trial:
 
     def close(self, hand: Hand, opening: float, approach_opening: float) -> None:
         """Drive the fingers at the hand's speed until they stand, with no more than its force."""
-        first, count, leader = self.world.joints, len(hand.joint_names), hand.mechanism.leader
+        first, leader = self.world.joints, hand.mechanism.leader
+        self.open_to(hand, max(opening - _FREE, hand.stroke[0]))
+        self.model.opt.disableflags |= _ONE_POINT * (self.data.ncon > _MANY)
         for before in np.arange(approach_opening, opening, -_FREE):
             start = before  # what is not touched does not move: until then there is nothing to simulate
-            self.data.qpos[first : first + count] = hand.joint_positions([max(before - _FREE, opening)])[0]
-            mujoco.mj_kinematics(self.model, self.data)
-            mujoco.mj_collision(self.model, self.data)
+            self.open_to(hand, max(before - _FREE, opening))
             if self.met():
                 break
-        self.data.qpos[first : first + count] = hand.joint_positions([start])[0]
+        self.open_to(hand, start)
         near = np.clip([opening - 1e-4, opening + 1e-4], *hand.stroke)
         low, high = hand.joint_positions(near)[:, leader]
         per_opening = (high - low) / (near[1] - near[0])  # of the driver's position
@@ -129,6 +132,13 @@ class _Trial:
             mujoco.mj_step(self.model, self.data, round(_LOOK / TIME_STEP))
             if abs(self.data.qpos[first + leader] - last) <= still and self.touching():
                 break
+
+    def open_to(self, hand: Hand, opening: float) -> None:
+        """Put the fingers where they are at an opening, and see what they touch there."""
+        first = self.world.joints
+        self.data.qpos[first : first + len(hand.joint_names)] = hand.joint_positions([opening])[0]
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
 
     def suck(self, lip: Lip, base_from_hand: Array) -> None:
         """Press the cup on the part, evacuate it if the lip lies on the part all around, and hold it there."""

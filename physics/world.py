@@ -32,6 +32,7 @@ _ROTOR = 2e-4  # kg m2, or kg: what the motor moves, seen from each finger joint
 _STIFF, _SOFT = (1e-3, 1.0), (2e-3, 1.0)  # time constant [s] and damping ratio of couplings and of contacts
 _GEAR = (0.999, 0.9999, 1e-3, 0.5, 2.0)  # share of their error that couplings take away
 _RUBBER = (0.95, 0.99, 2e-4, 0.5, 2.0)  # and contacts: they give by hundredths of a millimetre
+_MEMORY = 1 << 28  # bytes for contacts: some hundred thousand; a hand may lie on thousands of pieces
 _GAIN = 50.0  # of the motor's speed control: N m s/rad or N s/m
 _LIP_BALLS, _LIP_BALL = 12, 5e-4  # balls that make a lip, and their radius [m]
 _PRESS = 2e4  # N/m, and twice its square root N s/m: of the drive that brings a cup to the part
@@ -64,6 +65,7 @@ def build_world(part: Part, hand: Hand) -> World:
     """The world of trials of ``hand`` on ``part``."""
     spec = mujoco.MjSpec()
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-3, 1e-7  # joints that carry no shape
+    spec.memory = _MEMORY
     option = spec.option
     option.timestep, option.integrator = TIME_STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0

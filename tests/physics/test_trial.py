@@ -108,3 +108,28 @@ def test_a_cup_seals_within_the_convex_hull(cup):
     grasps = plan_grasps(part, cup)
     at = grasps.contacts[:, 0] - [0.0, 0.035, 0.005]
     assert outcome(part, cup, grasps[[np.argmin(np.linalg.norm(at, axis=1))]]).held
+
+
+def test_a_surface_of_many_pieces_holds_as_one_of_few(gripper):
+    """A plate with a field of holes gives hundreds of contacts, of which a point each is left once it is held."""
+    plate, turn = (
+        trimesh.creation.box((0.06, 0.02, 0.06)),
+        trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]),
+    )
+    places = [[x, 0.0, z] for x in np.arange(-0.008, 0.009, 0.004) for z in np.arange(-0.008, 0.025, 0.004)]
+    holes = [
+        trimesh.creation.cylinder(0.0008, 0.1, 16, transform=trimesh.transformations.translation_matrix(at) @ turn)
+        for at in places
+    ]
+    few = Part.from_mesh(plate, mass=0.1, name="plate")
+    pierced = trimesh.boolean.difference([plate, trimesh.boolean.union(holes)])
+    many = Part.from_mesh(pierced, mass=0.1, name="pierced")
+    grasps = plan_grasps(few, gripper)
+    there = on_the_table(gripper, grasps, find_placements(few)).grasp
+    across = there[np.abs(grasps.part_from_hand[there, 1, 0]) > 0.99]
+    middle = across[np.argmin(np.abs(grasps.part_from_hand[across, 0, 3]))]
+    one, other = (outcome(part, gripper, grasps[[middle]]) for part in (few, many))
+    assert one.held
+    assert other.held
+    np.testing.assert_allclose(other.shift, one.shift, atol=5e-5)
+    assert other.slip < 1e-4
