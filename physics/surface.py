@@ -10,6 +10,7 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 import trimesh
+from scipy.spatial import ConvexHull
 
 from ..transforms import Array
 
@@ -18,7 +19,8 @@ _THICKEST = 2e-3  # m
 _SHARE = 0.4  # of the wall behind a polygon
 _TAPER = 0.5  # of the outline that is left at the wedge's bottom
 _FLAT = np.radians(0.1)  # triangles whose normals differ by less are one plane
-_STRAIGHT = 1e-6  # sine by which a corner may be reflex
+_STRAIGHT = 1e-6  # rad by which a corner may be reflex
+_POCKET = 5e-5  # m: a polygon's hull may reach over its outline by so much, or finely cut holes give fans of slivers
 _SMALLEST = 1e-6  # m, half the width below which a polygon is a sliver that nothing can stand on
 
 
@@ -67,7 +69,7 @@ def convex_polygons(mesh: trimesh.Trimesh) -> list[tuple[list[int], int]]:
         if one == other:
             continue
         ring = _spliced(rings[one], rings[other], edge)
-        if ring and _convex(mesh.vertices[ring], mesh.face_normals[one]):
+        if ring and _nearly_convex(mesh.vertices[ring], mesh.face_normals[one]):
             rings[one] = ring
             del rings[other]
             owner[other] = one
@@ -93,14 +95,21 @@ def _spliced(one: list[int], other: list[int], edge: list[int]) -> list[int]:
     return []
 
 
-def _convex(points: Array, normal: Array) -> bool:
-    """Whether a ring (k, 3) goes round once and never turns right, seen against ``normal``."""
+def _nearly_convex(points: Array, normal: Array) -> bool:
+    """Whether a ring (k, 3) goes round once, seen against ``normal``, and no pocket of it is deeper than _POCKET."""
     sides = np.roll(points, -1, axis=0) - points
-    sides = sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-12)
     ahead = np.roll(sides, -1, axis=0)
-    sine = np.cross(sides, ahead) @ normal
-    turns = np.arctan2(sine, (sides * ahead).sum(axis=1))
-    return bool((sine >= -_STRAIGHT).all() and turns.sum() < 3.0 * np.pi)
+    turned = np.cross(sides, ahead) @ normal
+    turns = np.arctan2(turned, (sides * ahead).sum(axis=1))
+    depth = -turned / np.maximum(np.linalg.norm(sides + ahead, axis=1), 1e-12)  # of a corner under its neighbours' line
+    if turns.sum() > 3.0 * np.pi or depth.max() > _POCKET:
+        return False
+    if turns.min() >= -_STRAIGHT or _half_width(points) <= _SMALLEST:
+        return True
+    along = sides[0] / np.linalg.norm(sides[0])
+    flat = (points - points[0]) @ np.stack([along, np.cross(normal, along)], axis=1)
+    outline = ConvexHull(flat).equations  # of unit normals outwards
+    return bool((flat @ outline[:, :2].T + outline[:, 2]).max(axis=1).min() >= -_POCKET)
 
 
 def _half_width(points: Array) -> float:

@@ -28,8 +28,6 @@ _ABOVE, _PRESSING, _PRESS_TIME = 5e-3, 5.0, 0.2  # m, N and s: where a cup comes
 _FIXED = 1e4  # N
 _RAYS = 24  # around a lip
 _LOOK = 5e-3  # s from one look at the fingers to the next
-_MANY = 200  # contacts: where pads meet more, a point of each pair of shapes is enough, and far less dear
-_ONE_POINT = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
 
 
 class Outcome(NamedTuple):
@@ -98,7 +96,6 @@ class _Trial:
     def __init__(self, world: World, base_from_part: Array, table: Array) -> None:
         self.world, self.model, self.table = world, world.model, table
         self.model.opt.timestep = TIME_STEP
-        self.model.opt.disableflags &= ~_ONE_POINT
         self.data = mujoco.MjData(self.model)
         self.data.mocap_pos[0], self.data.mocap_quat[0] = table[:3, 3], quaternion(table[:3, :3])
         at = world.free[0]
@@ -112,8 +109,6 @@ class _Trial:
     def close(self, hand: Hand, opening: float, approach_opening: float) -> None:
         """Drive the fingers at the hand's speed until they stand, with no more than its force."""
         first, leader = self.world.joints, hand.mechanism.leader
-        self.open_to(hand, max(opening - _FREE, hand.stroke[0]))
-        self.model.opt.disableflags |= _ONE_POINT * (self.data.ncon > _MANY)
         for before in np.arange(approach_opening, opening, -_FREE):
             start = before  # what is not touched does not move: until then there is nothing to simulate
             self.open_to(hand, max(before - _FREE, opening))

@@ -34,7 +34,8 @@ def area(points: np.ndarray) -> float:
     return float(np.linalg.norm(np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0))) / 2.0
 
 
-def test_polygons_tile_the_surface_and_are_convex(mesh):
+def test_polygons_tile_the_surface_and_are_nearly_convex(mesh):
+    """Nowhere does the hull of one reach over its outline by more than 0.05 mm, into the hole of a ring at most."""
     rings = convex_polygons(mesh)
     assert sum(area(mesh.vertices[ring]) for ring, _ in rings) == pytest.approx(mesh.area, rel=1e-9)
     for ring, face in rings:
@@ -42,8 +43,10 @@ def test_polygons_tile_the_surface_and_are_convex(mesh):
         normal = mesh.face_normals[face]
         np.testing.assert_allclose((points - points[0]) @ normal, 0.0, atol=1e-9)
         frame = trimesh.geometry.plane_transform(points[0], normal)
-        flat = trimesh.transform_points(points, frame)[:, :2]
-        assert area(points) == pytest.approx(ConvexHull(flat).volume, rel=1e-6)
+        hull = ConvexHull(trimesh.transform_points(points, frame)[:, :2])
+        assert hull.volume - area(points) <= 5e-5 * hull.area
+        depth = -(hull.points @ hull.equations[:, :2].T + hull.equations[:, 2]).max(axis=1)
+        assert depth.max() <= 5e-5 + 1e-12
 
 
 def test_flat_faces_of_a_box_are_one_polygon_each():
@@ -56,8 +59,12 @@ def test_a_hollow_face_is_cut_but_not_filled():
     rings = convex_polygons(mesh)
     assert len(rings) < len(mesh.faces)
     corners = wedges(mesh)
-    middle = min(np.linalg.norm(points[:, :2].mean(axis=0)) for points in corners)
-    assert middle > 0.009  # nothing reaches over the hole
+    outer = [points[: len(points) // 2] for points in corners]
+    across = np.array(
+        [0.5 * (points[i] + points[i - k]) for points in outer for k in (1, 2, 3) for i in range(len(points))]
+    )
+    inner_chord = 0.01 * np.cos(np.pi / 32)
+    assert np.linalg.norm(across[:, :2], axis=1).min() > inner_chord - 1e-4  # nothing reaches over the hole
 
 
 def test_wedges_lie_inside(mesh):

@@ -111,7 +111,7 @@ def test_a_cup_seals_within_the_convex_hull(cup):
 
 
 def test_a_surface_of_many_pieces_holds_as_one_of_few(gripper):
-    """A plate with a field of holes gives hundreds of contacts, of which a point each is left once it is held."""
+    """Pads on a plate with a field of holes meet it in thousands of points."""
     plate, turn = (
         trimesh.creation.box((0.06, 0.02, 0.06)),
         trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]),
