@@ -42,12 +42,10 @@ def force_offsets(part: Part, hand: Hand, part_from_hand: Array, opening: Array,
     turned = np.concatenate([part_from_hand[:, None], turned.reshape(n, 2 * len(axes), 4, 4)], axis=1)
     pads = turned[:, :, None] @ hand.hand_from_pad(opening)[:, None]
     ways = pads.shape[1]
-    touch = np.zeros((len(hand.pads), n * ways))
+    touch, closing = np.zeros((len(hand.pads), n * ways)), part_from_hand[:, :3, 0]
     for i, pad in enumerate(hand.pads):
-        if i == 0:
-            outward, place = -part_from_hand[:, :3, 0], end
-        else:
-            outward, place = part_from_hand[:, :3, 0], end ^ 1 if len(hand.pads) == 2 else np.arange(n)
+        outward = closing if i else -closing
+        place = end ^ (i > 0) if i == 0 or len(hand.pads) == 2 else np.arange(n)
         touch[i] = first_touch(
             part.mesh,
             np.repeat(place, ways),

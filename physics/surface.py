@@ -1,4 +1,4 @@
-"""The surface of a part as convex pieces: exact to a hundredth of a millimetre, however hollow the part is.
+"""The surface of a part as convex pieces: exact to 0.01 mm, outlines of holes to 0.05 mm, however hollow it is.
 
 MuJoCo knows convex shapes only, and a decomposition of the volume fills what is hollow by a millimetre or so. Hands
 touch surfaces: so flat regions are cut into convex polygons, each the outer face of a thin wedge that tapers into the

@@ -109,9 +109,10 @@ class _Trial:
     def close(self, hand: Hand, opening: float, approach_opening: float) -> None:
         """Drive the fingers at the hand's speed until they stand, with no more than its force."""
         first, leader = self.world.joints, hand.mechanism.leader
-        for before in np.arange(approach_opening, opening, -_FREE):
-            start = before  # what is not touched does not move: until then there is nothing to simulate
-            self.open_to(hand, max(before - _FREE, opening))
+        start = approach_opening
+        for start in np.arange(approach_opening, opening, -_FREE):
+            # What is not touched does not move: until then there is nothing to simulate.
+            self.open_to(hand, max(start - _FREE, opening))
             if self.met():
                 break
         self.open_to(hand, start)

@@ -247,8 +247,8 @@ plays no part.""",
 - Bodies are rigid; pads and lips give by hundredths of a millimetre. A real pad is soft and wide where MuJoCo knows
   points: torsional friction of 3 mm stands for the patch.
 - Hand, part and table are exact: no error of calibration, of the mesh, or of where the part is, unless said.
-- The surface of a part is exact to a hundredth of a millimetre, but made of thin wedges: what is driven in deeper
-  than about a millimetre slips through.
+- The surface of a part is exact to a hundredth of a millimetre, the outline of its holes to five, but made of thin
+  wedges: what is driven in deeper than about a millimetre slips through.
 - The 2F-85 is its parallelogram: that its fingertips can fold around a part when it is taken near the palm is left
   out.
 - Friction is one number a pair, the same at rest and in motion; nothing wears, is oily or bends.
